@@ -23,6 +23,7 @@ from vrte.discrete_ordinates.orders.modes import Modes
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.routes import make_route
 from vrte.discrete_ordinates.orders.single_interface import SingleInterface
+from vrte.discrete_ordinates.orders.slab_response import respond
 from vrte.scene.boundary import BLACK, Boundary
 
 from .helpers import assert_close
@@ -207,3 +208,85 @@ def test_what_is_no_number_stays_in_its_column() -> None:
     found, others = _core.solve_by_factors(factors, pivots, given), np.arange(9) != 4
     assert np.array_equal(found[others], clean[others])
     assert np.isnan(found[4]).any()
+
+
+@pytest.mark.parametrize("layer", [HAZE, AIR, CLEAR, MIXING], ids=["haze", "air", "clear", "mixing"])
+def test_slabs_by_modes_do_what_doubled_ones_do(layer: vrte.Layer) -> None:
+    """To light on the nodes, from beams and into directions off the nodes, to the last digits of what thin ones send
+    back; one without thickness lets all light through."""
+    problem, orders = problem_of([layer]), np.arange(3, dtype=np.int32)
+    thickness = np.array([0.0, 1e-12, 1e-3, 0.7, 3.0, 40.0, np.inf])
+    given = problem, np.zeros(thickness.size, np.int32), thickness, orders, Run(1)
+    by_modes, doubled = (respond(name, *given, quick=False) for name in ("modes", "doubling"))
+    for name in ("nodes", "entering", "leaving", "passing"):
+        for found, right, tau in zip(getattr(by_modes, name), getattr(doubled, name), thickness, strict=True):
+            assert_close(found, right, rtol=0.0, atol=3e-13 * max(1.0, float(np.abs(right).max())))
+            if 0.0 < tau < 0.1:  # reflected light is as little as the slab is thick
+                assert_close(found[:, 0], right[:, 0], rtol=0.0, atol=1e-12 * tau)
+    assert by_modes.residuals["residual_of_boundary"].max() < 1e-11
+    assert np.array_equal(
+        by_modes.nodes[0, :, 1], np.broadcast_to(np.eye(problem.size), (3, problem.size, problem.size))
+    )
+
+
+@pytest.mark.parametrize("has_base", [True, False])
+def test_a_stack_of_media_is_one_linear_system(has_base: bool) -> None:
+    """Random slabs of three sizes, between smooth and rough interfaces and cuts, as the equations of all light at once
+    solve them."""
+    random, N, S, r, orders = np.random.default_rng(5), 4, 2, 3, 2
+    n, sizes, kind = N * S, [4, 8, 8, 6], np.array([1, 1, 0, 2, 1 - has_base], np.int32)
+    slabs = [0.3 * random.standard_normal((orders, 2, m, m)) for m in sizes]
+    joints = [
+        None if k == 0 else 0.3 * random.standard_normal((1, 4, n, S) if k == 1 else (orders, 4, n, n))
+        for k in kind.tolist()
+    ]
+    base, row = 0.3 * random.standard_normal((1, 6, 6)), np.array([0, -1] if has_base else [-1, -1], np.int32)
+    light = random.standard_normal((orders, kind.size, 4, r, n))
+    light[:, kind == 0, 2:] = 0.0
+    light[:, -1, 0] = light[:, 0, 1] = 0.0
+    for k, m in enumerate(sizes):  # no light goes along nodes that a medium does not have
+        light[:, k, 0, :, : n - m] = light[:, k + 1, 1, :, : n - m] = 0.0
+    light[:, -1, 2] = random.standard_normal((orders, r, n))
+    sources = light.copy()
+    residual, info = np.zeros(orders), np.zeros(orders, np.int32)
+    with Run(1).timed("joining") as crew:
+        named = {"slabs": slabs, "joints": joints, "kind": kind, "base_row": row, "base": base, "stokes": S}
+        _core.join_media(crew, **named, light=light, residual=residual, info=info)
+    rising, arriving, leaving, entering = range(4)
+    for order in range(orders):
+        system = np.eye(kind.size * 4 * n).reshape(kind.size, 4, n, kind.size, 4, n)
+        for k, m in enumerate(sizes):
+            for way in range(2):
+                matrix = np.zeros((n, n))
+                matrix[n - m :, n - m :] = slabs[k][order, way].T
+                ends = (rising, arriving)[way], (arriving, rising)[way]
+                system[k + (ends[0] == arriving), ends[0], :, k, entering] -= matrix
+                system[k + (ends[1] == arriving), ends[1], :, k + 1, leaving] -= matrix
+        for k, part in enumerate(joints):
+            open_ = float(part is None and not (has_base and k == len(sizes) and row[order] >= 0))
+            ways = [np.zeros((n, n)), np.zeros((n, n)), open_ * np.eye(n), open_ * np.eye(n)]
+            if part is not None and kind[k] == 2:
+                ways = [each.T for each in part[order]]
+            elif part is not None:
+                ways = [scipy.linalg.block_diag(*each.reshape(N, S, S)) for each in part[0]]
+            if has_base and k == len(sizes) and row[order] >= 0:
+                ways[0][n - 6 :, n - 6 :] += base[0].T
+            pairs = (leaving, arriving), (entering, rising), (entering, arriving), (leaving, rising)
+            for matrix, (to, of) in zip(ways, pairs, strict=True):
+                system[k, to, :, k, of] -= matrix
+        size = kind.size * 4 * n
+        right = np.linalg.solve(system.reshape(size, size), sources[order].transpose(0, 1, 3, 2).reshape(size, r))
+        right = right.reshape(kind.size, 4, n, r).transpose(0, 1, 3, 2)
+        for k, m in enumerate(sizes):
+            for at, ways in ((k, (rising, entering)), (k + 1, (arriving, leaving))):
+                found = light[order][at, list(ways), :, n - m :]
+                limit = 1e-12 * float(np.abs(right).max())
+                assert_close(found, right[at, list(ways), :, n - m :], rtol=0.0, atol=limit)
+    assert 0.0 < residual.max() < 1e-13
+    slabs[1][:] = 0.0
+    slabs[1][:, 0] = np.eye(8)  # light that nothing absorbs between mirrors
+    joints[1] = np.zeros((1, 4, n, S))
+    joints[1][0, 1] = np.tile(np.eye(S), (N, 1))
+    with Run(1).timed("joining") as crew:
+        _core.join_media(crew, **named, light=light, residual=residual, info=info)
+    assert info.all()

@@ -52,6 +52,8 @@ include "core/fused_modes.pxi"
 include "core/extended.pxi"
 include "core/doubling.pxi"
 include "core/joining.pxi"
+include "core/response.pxi"
+include "core/stack.pxi"
 include "core/invariance.pxi"
 include "core/moment_gmres.pxi"
 

@@ -146,7 +146,7 @@ cdef struct Path:
     # what arrives at a depth of a layer from its far face: the layer's modes, the beam's part of them, and directions
     Modes modes
     bint upward
-    int stokes, rows, n_mu, n_rhs, per_beam
+    int stokes, rows, n_mu, unlit, n_rhs, per_beam   # unlit: right-hand sides before the beams' that no beam feeds
     given g_e, g_f                        # G_E X and G_F Y, S n_mu used rows of `rows`
     given c, zeta, even, odd, mu0, mu_out
     double above, depth
@@ -187,8 +187,8 @@ cdef void through_levels(const Reconstruction* t, int item, int layer, bint upwa
     cdef given levels = t.level + first_layer(t.slab_stack, t.n_level, item)
     cdef Path path = Path(
         modes_at(t.n, at, t.lam_re, t.lam_im, t.X, t.Y, t.thickness[here], t.decaying[at]), upward, t.stokes, rows,
-        t.n_up if upward else t.n_out - t.n_up, t.n_rhs, t.n_rhs // t.n_in, g_e + skipped, g_f + skipped, t.c + at * nr,
-        t.zeta + at * nr, t.even + at * nr, t.odd + at * nr, t.mu0, t.mu_out + (0 if upward else t.n_up),
+        t.n_up if upward else t.n_out - t.n_up, 0, t.n_rhs, t.n_rhs // t.n_in, g_e + skipped, g_f + skipped,
+        t.c + at * nr, t.zeta + at * nr, t.even + at * nr, t.odd + at * nr, t.mu0, t.mu_out + (0 if upward else t.n_up),
         t.above[here], 0.0, 0.0, 0.0)
     for level in range(t.n_level):
         if t.level_layer[level] == layer:
@@ -209,7 +209,7 @@ cdef void through_layer(Path* path, given entering, doubles out, doubles work) n
     cdef const Modes* a = &path.modes
     cdef bint upward = path.upward
     cdef int n = a.n, stokes = path.stokes, rows = path.rows, n_mu = path.n_mu, n_rhs = path.n_rhs, used = stokes * n_mu
-    cdef int j = 0, mu, beam, r, i
+    cdef int j = 0, mu, beam, r, i, columns = path.unlit + n_rhs
     cdef size_t column, place
     cdef double thickness = a.thickness, depth = path.depth, left = thickness - depth if upward else depth
     cdef double sign = -1.0 if upward else 1.0, decay, light
@@ -226,7 +226,7 @@ cdef void through_layer(Path* path, given entering, doubles out, doubles work) n
     if n_mu == 0:
         return
     if left == 0.0:
-        for r in range(n_rhs):
+        for r in range(columns):
             copy(used, entering + <size_t>r * rows, out + <size_t>r * rows)
         return
     path.left = left
@@ -244,11 +244,12 @@ cdef void through_layer(Path* path, given entering, doubles out, doubles work) n
         else:
             pair_gains(path, j, even_gain + column, odd_gain + column, beam_gain + column)
             j = j + 2
-    for r in range(n_rhs):
+    for r in range(columns):
         for i in range(used):
             out[<size_t>r * rows + i] = arrival.decayed[i] * entering[<size_t>r * rows + i]
-    product(b"N", b"N", used, n_rhs, n, 1.0, even_gain, used, path.even, n, 1.0, out, rows)
-    product(b"N", b"N", used, n_rhs, n, 1.0, odd_gain, used, path.odd, n, 1.0, out, rows)
+    product(b"N", b"N", used, columns, n, 1.0, even_gain, used, path.even, n, 1.0, out, rows)
+    product(b"N", b"N", used, columns, n, 1.0, odd_gain, used, path.odd, n, 1.0, out, rows)
+    out = out + <size_t>path.unlit * rows
     multiply(used, n_rhs, n, 0.5, beam_gain, path.c, 0.0, first)
     product(b"N", b"N", used, n_rhs, n, 0.5 * sign, path.g_f, rows, path.zeta, n, 0.0, third, used)
     feed(path, depth, response, fed)

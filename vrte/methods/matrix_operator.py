@@ -14,7 +14,7 @@ from vrte.basics.errors import AccuracyError, SceneError
 from vrte.basics.polarization import FLIP
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
-from vrte.discrete_ordinates.orders.slab_response import respond_by_beams
+from vrte.discrete_ordinates.orders.slab_response import respond_by_modes
 from vrte.discrete_ordinates.orders.slabs import cut_layers
 from vrte.methods.parts.method import NODES, Answer, Task
 from vrte.methods.parts.slab import count_sizes, join_slabs
@@ -27,7 +27,7 @@ LARGEST_CONDITION = 1e8  # of T_minus, for the propagator
 
 def solve_by_matrix_operators(task: Task) -> Answer:
     """Every Fourier order that the nodes carry in turn: R and T of (2:5)-(2:8) from beams along the nodes."""
-    return task.answer_on_nodes(*join_slabs(task, partial(respond_by_beams, "modes", quick=False)))
+    return task.answer_on_nodes(*join_slabs(task, partial(respond_by_modes, quick=False)))
 
 
 def propagator(scene: Scene, order: int = 0, nodes: int = NODES) -> Array:
@@ -50,10 +50,8 @@ def propagator(scene: Scene, order: int = 0, nodes: int = NODES) -> Array:
     one = np.eye(problem.size)
     R_minus, T_minus, R_plus, T_plus = 0.0 * one, one, 0.0 * one, one
     layers = np.arange(problem.albedo.size, dtype=np.int32)
-    for slab in respond_by_beams(
-        "modes", problem, layers, problem.thickness, np.array([order], np.int32), Run(1), quick=False
-    ):
-        R, T = slab.nodes[0]
+    slabs = respond_by_modes(problem, layers, problem.thickness, np.array([order], np.int32), Run(1), quick=False)
+    for R, T in slabs.nodes[:, 0]:
         down, up = np.linalg.solve(one - R_plus @ R, T_plus), np.linalg.solve(one - R @ R_plus, T)
         R_minus, T_minus = R_minus + T_minus @ R @ down, T_minus @ up
         R_plus, T_plus = R + T @ R_plus @ up, T @ down

@@ -46,7 +46,10 @@ def solve_by_successive_orders(task: Task) -> Answer:
         order = Order(stack, m)
         total, lit = convergence.sum(order)
         if m == 0:
-            up, down = stack.beam_paths.sum_fluxes(*(stack.scale * total.edges))
+            light = (stack.scale * total.edges)[[3, 0, 1, 2]].transpose(
+                1, 0, 3, 2
+            )  # rising, arriving, leaving, entering
+            up, down = stack.beam_paths.sum_fluxes(light)
             fluxes.append((up.reshape(shape), down.reshape(shape)))
         return np.zeros((*shape, problem.mu_out.size, len(problem.stokes))) if lit is None else order.view(lit)
 

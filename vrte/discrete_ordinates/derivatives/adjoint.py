@@ -30,10 +30,11 @@ from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR
 from vrte.discrete_ordinates.execution.sums import Light, Part, Share, Target
 from vrte.discrete_ordinates.orders.beam_paths import BeamPaths
 from vrte.discrete_ordinates.orders.homogeneous import Modes, find_modes
+from vrte.discrete_ordinates.orders.media import ENTERING, LEAVING
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble, find_even_shifts
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
+from vrte.discrete_ordinates.orders.refracting import Slabs, spread
 from vrte.discrete_ordinates.orders.single_scattering import integrate_slab_paths
-from vrte.discrete_ordinates.orders.slab_response import Response
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.optics.facets import FacetGeometry
 from vrte.optics.truncation import expand_peak
@@ -41,7 +42,7 @@ from vrte.results.solution import Solution
 from vrte.scene.boundary import BLACK
 from vrte.scene.variation import Variation
 
-Prepared = tuple[list[list[Response]], list[Assembled], list[Modes | None]]
+Prepared = tuple[Slabs, list[Assembled], list[Modes | None]]
 MIRROR = np.array([1.0, 1.0, 1.0, -1.0])  # diagonal of Q in the reciprocity relation
 
 
@@ -235,13 +236,11 @@ def collect_tables(plan: Plan, cotangent: Array, run: Run) -> tuple[list[Array],
 
 def prepare_orders(route: Differentiating, orders: IntArray, run: Run) -> Prepared:
     """R and T of the slabs, matrices of the media and their modes."""
-    responses = [route.respond(one, kind, length, orders, run) for _, one, kind, length in route.places.media]
-    sheets = [assemble(one, orders, run) for _, one, _, _ in route.places.media]
+    sheets = [assemble(one.problem, orders, run) for one in route.each]
     modes: list[Modes | None] = [
-        find_modes(one, orders, sheet, run, True)
-        for (_, one, _, _), sheet in zip(route.places.media, sheets, strict=True)
+        find_modes(one.problem, orders, sheet, run, True) for one, sheet in zip(route.each, sheets, strict=True)
     ]
-    return responses, sheets, modes
+    return route.find_slabs(orders, run), sheets, modes
 
 
 def weigh_kernels(
@@ -289,23 +288,21 @@ def pull_order(
     back = forward if eyes is route else OrderOfStack(eyes, index, order, *lit[1], alone=False)
     seen, sent = weigh_sent(route, weights)
     stokes = list(route.problem.stokes)
-    n = route.problem.size
-    turn = np.tile(MIRROR[stokes], n // len(stokes))[:, None]
+    turn = np.tile(MIRROR[stokes], route.problem.nodes.size)
     scale = np.tile(MIRROR[stokes], eyes.problem.mu0.size) / np.repeat(eyes.problem.mu0, len(stokes))
+    members = ((0, ENTERING), (1, LEAVING))  # light that falls on a slab, from above and from below
     r = route.problem.n_rhs
     for k, layer in enumerate(route.cut.layer.tolist()):
         if route.media.scene.layers[layer].albedo == 0.0 and not route.problem.coefficients[layer].any():
             continue
-        piece = forward.pieces[k]
-        size = piece.response.nodes.shape[-1]
-        # light on the nodes that falls on the slab, from above and from below, and what it weighs when it leaves
-        lights = [field[n - size :] for field in (forward.slab_stack.entering[k], forward.slab_stack.leaving[k + 1])]
-        eyes_see = [
-            (turn * field * scale)[n - size :]
-            for field in (back.slab_stack.entering[k], back.slab_stack.leaving[k + 1])
-        ]
+        medium = route.each[forward.find_slab(k)[0]]
+        size = medium.problem.size
+        # light on the nodes, and what it weighs when it leaves the slab
+        lights = [forward.light[k + at, way, :, -size:].T for at, way in members]
+        eyes_see = [(back.light[k + at, way] * turn * scale[:, None])[:, -size:].T for at, way in members]
         heard = [field @ seen for field in eyes_see]  # (n, r), up at the top and down at the bottom
-        beams = [piece.flux(power[k]) for power in (route.falling, route.mirrored)]
+        into = route.into[1 + layer][:, None, None]
+        beams = [spread(power[k], into) for power in (route.falling, route.mirrored)]
         out = [sent[2 * k + end].reshape(-1, r) for end in range(2)]
         changes = []
         for way in range(2):
@@ -315,7 +312,7 @@ def pull_order(
             NI = spread_beams(heard[seen_there], beams[above]) + spread_beams(heard[seen_here], beams[below])
             ON = out[seen_there] @ lights[above].T + out[seen_here] @ lights[below].T
             OI = spread_beams(out[seen_there], beams[above]) + spread_beams(out[seen_here], beams[below])
-            changes.append(Blocks(N, NI / piece.index, ON / piece.index, OI / piece.index**2))
+            changes.append(Blocks(N, NI / medium.index, ON / medium.index, OI / medium.index**2))
         modes = forward.modes_of(k)
         dE, dF = pull_slab(modes, *changes)
         one = forward.slab_of(k)[0]
@@ -423,7 +420,7 @@ def pull_phase(
     order: int, rows: int, out: Array, into: Array, up: Array, down: Array, members: tuple[int, ...], shifts: Array
 ) -> Array:
     """Derivatives with coefficients (rows, 6) from those with A^m into directions ``out`` going up, flipped, and down:
-    each (n_out S, n_into S). `scatter_once`, read backwards."""
+    each (n_out S, n_into S). `scatter_once` of methods/parts/slab.py, read backwards."""
     found = np.zeros((rows, 6))
     if order >= rows:
         return found

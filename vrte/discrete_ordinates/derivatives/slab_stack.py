@@ -15,9 +15,10 @@ from vrte.discrete_ordinates.derivatives.slab import Blocks, SlabModes, deepen_s
 from vrte.discrete_ordinates.orders.base import Base
 from vrte.discrete_ordinates.orders.beam_paths import expand_lossless_base
 from vrte.discrete_ordinates.orders.homogeneous import Modes, find_modes
+from vrte.discrete_ordinates.orders.media import ARRIVING, LEAVING, RISING
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble, balance_flux
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.refracting import NodalStack, Piece, Refracting, share
+from vrte.discrete_ordinates.orders.refracting import Refracting, Slabs
 from vrte.discrete_ordinates.orders.slab_response import Response, respond_by_doubling
 from vrte.scene.boundary import Boundary
 from vrte.scene.variation import Variation
@@ -74,39 +75,31 @@ class Differentiating(Refracting):
         """Derivatives of the power of beams: falling, mirrored and arriving, as of `BeamPaths`."""
         if change.beams is None:
             return None
-        members, problem = np.ix_(self.problem.stokes, self.problem.stokes), self.problem
-        lit, columns = problem.mu0[:, None, None], problem.columns.T
-        parts = change.beams.entering[:-1], change.beams.leaving[1:], change.beams.arriving[-1]
-        falling, mirrored, arriving = (lit * (part[..., members[0], members[1]] @ columns) for part in parts)
-        return falling, mirrored, arriving
+        beams, power = change.beams, self.power_of
+        return power(beams.entering[:-1]), power(beams.leaving[1:]), power(beams.arriving[-1])
 
     def is_alone(self, order: int) -> bool:
         """Whether the one slab there is meets no light but the beam, and the order carries no flux."""
-        mirrors = any(
-            part is not None and (part.above is not None or part.below is not None) for part in self.interface_operators
-        )
+        mirrors = any(part is not None and part[0, :2].any() for part in self.blocks)
         flux = self.problem.conserves and order == 0
         return self.cut.layer.size == 1 and self.base is None and not (mirrors or self.rough or flux)
 
     def chunk(self, threads: int) -> int:
         """Orders to be done at once."""
         n = self.problem.size + len(self.problem.stokes) * (self.problem.mu0.size + 2 * self.sights.cosines.shape[1])
-        return count_orders_at_once((16.0 * len(self.places.slab) + 12.0) * n * n, threads)
+        return count_orders_at_once((16.0 * sum(one.material.size for one in self.each) + 12.0) * n * n, threads)
 
     def differentiate(self, orders: IntArray, run: Run) -> ChangedOrders:
         """Derivatives of the given orders."""
         problem = self.problem
         # R and T are needed where slabs light each other, and for their change with thickness
         needed = any(change.pieces.any() for change in self.changes) or not all(map(self.is_alone, orders.tolist()))
-        responses = [
-            self.respond(one, material, thickness, orders, run) if needed else []
-            for _, one, material, thickness in self.places.media
-        ]
-        sheets = [assemble(one, orders, run) for _, one, _, _ in self.places.media]
+        slabs = self.find_slabs(orders, run) if needed else None
+        sheets = [assemble(one.problem, orders, run) for one in self.each]
         scattering = any(any(change.scatters) for change in self.changes)
         modes = [
-            find_modes(one, orders, sheet, run, True) if scattering else None
-            for (_, one, _, _), sheet in zip(self.places.media, sheets, strict=True)
+            find_modes(one.problem, orders, sheet, run, True) if scattering else None
+            for one, sheet in zip(self.each, sheets, strict=True)
         ]
         turned = self.assemble_changes(orders, run)
         shape = (problem.level.size, problem.mu0.size, problem.columns.shape[0], problem.mu_out.size)
@@ -115,7 +108,7 @@ class Differentiating(Refracting):
         residual = np.zeros(orders.size)
 
         def solve(index: int) -> None:
-            order = OrderOfStack(self, index, int(orders[index]), responses, sheets, modes)
+            order = OrderOfStack(self, index, int(orders[index]), slabs, sheets, modes)
             for k, (light, fluxes) in enumerate(order.change_all(turned)):
                 kernels[k, index] = light
                 if problem.conserves and orders[index] == 0:
@@ -140,7 +133,7 @@ class Differentiating(Refracting):
                 if not scatters:
                     continue
                 medium = self.media.scene.indices[k]
-                one = next(one for index, one, _, _ in self.places.media if index == medium)
+                one = next(one.problem for one in self.each if one.index == medium)
                 table = np.ascontiguousarray(change.layers[k].scattering[None])
                 own = replace(one, coefficients=table, terms=np.array([table.shape[1]], np.int32), albedo=np.ones(1))
                 matrices = assemble(own, orders, run)
@@ -174,75 +167,64 @@ def take_modes(modes: Modes, index: int, layer: int) -> tuple[Array, Array, Arra
 
 
 class OrderOfStack:
-    """One order of a stack, solved, and its slabs' modes where they are asked for."""
+    """One order of a stack, solved: all light on its nodes, (interface, 4, r, n), and its slabs' modes where they are
+    asked for."""
 
     def __init__(
         self,
         route: Differentiating,
         index: int,
         order: int,
-        responses: list[list[Response]],
+        slabs: Slabs | None,
         sheets: list[Assembled],
         modes: list[Modes | None],
         alone: bool = True,
     ) -> None:
         self.route, self.place, self.order, self.sheets, self.modes = route, index, order, sheets, modes
-        self.responses = [responses[medium][own] if responses[medium] else None for medium, own in route.places.slab]
+        self.orders = np.array([order], np.int32)
+        self.slabs = [(medium, take_order(response, index)) for medium, response in slabs or ()]
         self.is_alone = alone and route.is_alone(order)
-        self.known: dict[int, SlabModes] = {}
+        self.known: dict[tuple[int, int], SlabModes] = {}
         self.residual = 0.0
         self.sent: Array | None = None
         if not self.is_alone:
-            self.pieces = [
-                Piece(self.response_of(piece), index, *self.medium_of(piece)) for piece in range(route.cut.layer.size)
-            ]
-            self.slab_stack = NodalStack(route, order, self.pieces)
-            self.slab_stack.upward_sweep()
-            self.slab_stack.downward_sweep()
+            light = route.set_out(self.orders, self.slabs)
+            route.join(self.orders, self.slabs, light, Run(1))
+            self.light = light[0]
 
-    def response_of(self, piece: int) -> Response:
-        """The reflection and transmission that doubling found of a piece's slab."""
-        found = self.responses[int(self.route.places.of[piece])]
-        assert found is not None
-        return found
-
-    def medium_of(self, piece: int) -> tuple[float, Array]:
-        """The index around a piece, and the cosines of beams there."""
-        layer = int(self.route.cut.layer[piece])
-        return self.route.media.scene.media[1 + layer], self.route.into[1 + layer]
+    def find_slab(self, piece: int) -> tuple[int, int]:
+        """A piece's medium, and its slab among those of the medium."""
+        for number, medium in enumerate(self.route.each):
+            if piece in medium.pieces:
+                return number, int(medium.of[np.searchsorted(medium.pieces, piece)])
+        raise IndexError(piece)
 
     def slab_of(self, piece: int) -> tuple[Problem, int, int, float]:
         """A piece's problem, medium, material and thickness."""
-        medium, own = self.route.places.slab[int(self.route.places.of[piece])]
-        _, one, material, thickness = self.route.places.media[medium]
-        return one, medium, int(material[own]), float(thickness[own])
+        number, own = self.find_slab(piece)
+        medium = self.route.each[number]
+        return medium.problem, number, int(medium.material[own]), float(medium.thickness[own])
 
     def response_blocks(self, piece: int) -> tuple[Blocks, Blocks]:
         """Reflection and transmission of a piece's slab as matrices."""
-        response, k = self.response_of(piece), self.place
-        n = response.nodes.shape[-1]
-        r, o = int(np.prod(response.entering.shape[-2:])), int(np.prod(response.leaving.shape[2:4]))
+        number, own = self.find_slab(piece)
+        part = self.slabs[number][1]
         R, T = (
-            Blocks(
-                response.nodes[k, way],
-                response.entering[k, way].reshape(n, r),
-                response.leaving[k, way].reshape(o, n),
-                response.passing[k, way].reshape(o, r),
-            )
+            Blocks(*(each[own, 0, way] for each in (part.nodes, part.entering, part.leaving, part.passing)))
             for way in (0, 1)
         )
         return R, T
 
     def modes_of(self, piece: int) -> SlabModes:
         """A piece's slab by its modes, found once."""
-        which = int(self.route.places.of[piece])
+        which = self.find_slab(piece)
         if which not in self.known:
             one, medium, material, thickness = self.slab_of(piece)
             E, F = take_blocks(one, self.sheets[medium], self.place, material)
             modes = self.modes[medium]
             assert modes is not None
             found = SlabModes(E, F, *take_modes(modes, self.place, material), one.mu0, one.mu_out, thickness)
-            if self.responses[which] is not None:
+            if self.slabs:
                 R, T = self.response_blocks(piece)
                 both = 2.0 * found.X @ found.even.nodes - np.eye(one.size)
                 self.residual = max(self.residual, float(np.abs(both - R.N - T.N).max()))
@@ -277,32 +259,17 @@ class OrderOfStack:
             found = found[0].plus(more[0], deeper), found[1].plus(more[1], deeper)
         return found
 
-    def make_changed_piece(self, piece: int, dR: Blocks, dT: Blocks) -> Piece:
-        """Changes of R and T, to be applied as they are themselves."""
-        old = self.pieces[piece]
-        shapes = old.response
-        changed = Response(
-            np.stack([dR.N, dT.N])[None],
-            np.stack([dR.NI, dT.NI]).reshape(1, *shapes.entering.shape[1:]),
-            np.stack([dR.ON, dT.ON]).reshape(1, *shapes.leaving.shape[1:]),
-            np.stack([dR.OI, dT.OI]).reshape(1, *shapes.passing.shape[1:]),
-            {},
-        )
-        return Piece(changed, 0, old.index, old.into)
-
     def change_alone(self, change: Change, turned: dict[int, Assembled]) -> tuple[Array, Array]:
         """As `change`, of a slab that is alone."""
         route, problem = self.route, self.route.problem
-        index, into = self.medium_of(0)
-        sent = np.zeros((2, route.sights.cosines.shape[1], len(problem.stokes), problem.n_rhs))
+        medium = route.each[0]
+        sent = np.zeros((1, len(route.sources), problem.n_rhs, route.sights.cosines.shape[1] * len(problem.stokes)))
         changed = self.change_slab(0, change, turned, on_nodes=False)
         if changed is not None:
-            light = route.falling[0] / into[:, None, None] / index**2
-            stokes = len(problem.stokes)
-            for way, blocks in enumerate(changed):
-                passing = blocks.OI.reshape(-1, stokes, into.size, stokes)
-                sent[way] = np.einsum("osia,iac->osic", passing, light).reshape(sent.shape[1:])
-        return route.look(sent), np.zeros((2, problem.level.size, problem.n_rhs))
+            passing = np.stack([blocks.OI for blocks in changed])[None, None]
+            for end, own in route.shine(medium, passing, route.falling, np.zeros_like(route.mirrored)):
+                sent[:, end] = own[:, 0] / medium.index**2
+        return route.look(sent)[0], np.zeros((2, problem.level.size, problem.n_rhs))
 
     def change_all(self, turned: list[dict[int, Assembled]]) -> list[tuple[Array, Array]]:
         """Of each change the derivatives of what is seen, (n_tau, n_in, n_col, n_out, S), and of the fluxes, (2, n_tau,
@@ -312,208 +279,89 @@ class OrderOfStack:
             return [self.change_alone(change, own) for change, own in zip(route.changes, turned, strict=True)]
         if not route.changes:
             return []
-        slab_stack, r = self.slab_stack, self.slab_stack.r
+        r, problem = route.problem.n_rhs, route.problem
         parts = [self.change_parts(change, k, turned[k]) for k, change in enumerate(route.changes)]
-        sources = [
-            (np.hstack([part.sources[k][0] for part in parts]), np.hstack([part.sources[k][1] for part in parts]))
-            for k in range(len(self.pieces))
-        ]
-        rough = {
-            index: (
-                np.hstack([part.rough[index][0] for part in parts]),
-                np.hstack([part.rough[index][1] for part in parts]),
-            )
-            for index in route.rough_interfaces
-        }
-        tangent = TangentStack(slab_stack, sources, np.hstack([part.below for part in parts]), rough)
-        tangent.upward_sweep()
-        tangent.downward_sweep()
-        sent = self.send(tangent)
+        tangent = np.concatenate([part.light for part in parts], axis=-2)
+        route.join(self.orders, self.slabs, tangent, Run(1))
+        sent = route.send(self.orders, self.slabs, tangent)
         found = []
         for k, part in enumerate(parts):
             own = slice(k * r, (k + 1) * r)
-            light = route.look(sent[..., own] + self.send_changed(part))
+            light = route.look(sent[:, :, own] + part.sent)
             escapes = route.changed_escapes[k]
             if escapes is not None:
                 light = light + route.look(self.value_sent(), escapes)
-            flux = np.zeros((2, route.problem.level.size, r))
-            if route.problem.conserves and self.order == 0:
-                fields = (tangent.arriving, tangent.leaving, tangent.entering, tangent.rising)
-                flux = route.sum_fluxes(*([one[:, own] for one in field] for field in fields))
-            found.append((light, flux))
+            flux = np.zeros((2, problem.level.size, r))
+            if problem.conserves and self.order == 0:
+                flux = route.sum_fluxes(tangent[0, :, :, own])
+            found.append((light[0], flux))
         return found
 
     def change_parts(self, change: Change, number: int, turned: dict[int, Assembled]) -> "Parts":
-        """What a change does to the slabs, the base and the beams, and the light that they send out for it."""
-        route, slab_stack = self.route, self.slab_stack
+        """What changed slabs, a changed base and changed beams send out, of all light in the unchanged stack."""
+        route, orders, value = self.route, self.orders, self.light[None]
+        light = np.zeros_like(value)
+        changed = self.change_slabs(change, turned)
+        sent = route.send_slabs(changed, value)
+        if changed:
+            sent += route.send_beams(changed, route.falling, route.mirrored)
+            route.light_nodes(light, changed, route.falling, route.mirrored)
+        for medium, response in changed:
+            up, down = route.scatter(medium, response.nodes, value)
+            own = light[..., light.shape[-1] - response.nodes.shape[-1] :]
+            own[:, medium.pieces, RISING] += up
+            own[:, medium.pieces + 1, ARRIVING] += down
         base, beams = route.changed_bases[number], route.beams_of(change)
-        blocks = [self.change_slab(k, change, turned, on_nodes=True) for k in range(len(self.pieces))]
-        moved = [None if own is None else self.make_changed_piece(k, *own) for k, own in enumerate(blocks)]
-        sources = []
-        for k, (piece, own) in enumerate(zip(self.pieces, moved, strict=True)):
-            up, down = np.zeros((slab_stack.n, slab_stack.r)), np.zeros((slab_stack.n, slab_stack.r))
-            if own is not None:
-                above, below = slab_stack.entering[k], slab_stack.leaving[k + 1]
-                up, down = own.send_to_nodes(slab_stack.n, route.falling[k], route.mirrored[k])
-                up = up + own.scatter(above, 0) + own.scatter(below, 1)
-                down = down + own.scatter(above, 1) + own.scatter(below, 0)
-            if beams is not None:
-                more = piece.send_to_nodes(slab_stack.n, beams[0][k], beams[1][k])
-                up, down = up + more[0], down + more[1]
-            sources.append((up, down))
-        return Parts(moved, base, beams, sources, self.change_below(base, beams), self.change_rough(change))
-
-    def change_rough(self, change: Change) -> dict[int, tuple[Array, Array]]:
-        """What changed beams send to the nodes at rough interfaces, going up above and down below, by interface."""
-        route = self.route
-        found: dict[int, tuple[Array, Array]] = {}
-        if change.beams is None:
-            dark = np.zeros((self.slab_stack.n, self.slab_stack.r))
-            return dict.fromkeys(route.rough_interfaces, (dark, dark))
-        members, problem = np.ix_(route.problem.stokes, route.problem.stokes), route.problem
-        for index, rough in route.rough_interfaces.items():
-            falls, rises = (
-                problem.mu0[:, None, None] * (part[index][..., members[0], members[1]] @ problem.columns.T)
-                for part in (change.beams.arriving, change.beams.rising)
-            )
-            order = self.order
-            found[index] = (
-                rough.above.collect(order, falls) + rough.up.collect(order, rises),
-                rough.down.collect(order, falls) + rough.below.collect(order, rises),
-            )
-        return found
-
-    def change_below(self, base: Base | None, beams: tuple[Array, Array, Array] | None) -> Array:
-        """What the base sends up of changed beams, and, itself changed, of all light, (n, r)."""
-        route, slab_stack = self.route, self.slab_stack
-        found = np.zeros((slab_stack.n, slab_stack.r))
         if base is not None:
-            matrix, light = route.reflect_on_base(self.order, base)
-            found += light if matrix is None else light + matrix @ slab_stack.arriving[-1]
-        if beams is not None and route.base is not None:
-            found += route.reflect_on_base(self.order, arriving=beams[2])[1]
+            light[:, -1, LEAVING] += route.reflect_on_base(orders, route.arriving, base)
+            light[:, -1, LEAVING] += route.spread_from_base(orders, value[:, -1, ARRIVING], base)
+            sent[:, -1] += route.leave_base(orders, value[:, -1, ARRIVING], base)
+        if beams is not None and change.beams is not None:
+            route.light_nodes(light, self.slabs, *beams[:2])
+            light[:, -1, LEAVING] += route.reflect_on_base(orders, beams[2])
+            sent += route.send_beams(self.slabs, *beams[:2])
+            for index, rough in route.rough_interfaces.items():
+                powers = (route.power_of(part[index]) for part in (change.beams.arriving, change.beams.rising))
+                rough.light(light[:, index], orders, *powers)
+        return Parts(light, sent)
+
+    def change_slabs(self, change: Change, turned: dict[int, Assembled]) -> Slabs:
+        """How R and T of those pieces change that do."""
+        found: Slabs = []
+        for medium in self.route.each:
+            blocks = [(k, self.change_slab(k, change, turned, on_nodes=True)) for k in medium.pieces.tolist()]
+            kept = [(k, own) for k, own in blocks if own is not None]
+            if kept:
+                N, NI, ON, OI = (
+                    np.stack([[[getattr(part, name) for part in own]] for _, own in kept])
+                    for name in ("N", "NI", "ON", "OI")
+                )
+                pieces = np.array([k for k, _ in kept], np.int32)
+                of = np.arange(pieces.size, dtype=np.int32)
+                found.append((replace(medium, pieces=pieces, of=of), Response(N, NI, ON, OI)))
         return found
 
     def value_sent(self) -> Array:
-        """All light that is sent out along the sights, (source, n_sight, S, r), unchanged."""
+        """All light that is sent out along the sights, (1, source, r, n_sight S), unchanged."""
         if self.sent is None:
-            beams = self.route.falling, self.route.mirrored, self.route.arriving
-            self.sent = self.send(self.slab_stack) + self.send_beams(beams)
+            route = self.route
+            self.sent = route.send(self.orders, self.slabs, self.light[None])
+            self.sent += route.send_beams(self.slabs, route.falling, route.mirrored)
         return self.sent
 
-    def send(self, slab_stack: NodalStack) -> Array:
-        """What light on the nodes (n, r) of a stack like this one sends along the sights, (source, n_sight, S, r)."""
-        route = self.route
-        shape = len(route.sources), route.sights.cosines.shape[1], len(route.problem.stokes), slab_stack.r
-        sent = np.zeros(shape)
-        for k, piece in enumerate(self.pieces):
-            dark = np.zeros_like(route.falling[k])
-            sent[2 * k], sent[2 * k + 1] = piece.send(slab_stack.entering[k], slab_stack.leaving[k + 1], dark, dark)
-        for k, (index, rough) in enumerate(route.rough_interfaces.items(), len(self.pieces)):
-            arriving, rising = slab_stack.arriving[index], slab_stack.rising[index]
-            sent[2 * k] = rough.above.send(self.order, arriving) + rough.up.send(self.order, rising)
-            sent[2 * k + 1] = rough.below.send(self.order, rising) + rough.down.send(self.order, arriving)
-        if route.base is not None:
-            sent[-1] = route.leave_base(self.order, slab_stack.arriving[-1])
-        return sent
 
-    def send_beams(self, beams: tuple[Array, Array, Array]) -> Array:
-        """The same of beams alone, falling and mirrored power."""
-        route = self.route
-        dark = np.zeros((self.slab_stack.n, self.slab_stack.r))
-        sent = np.zeros(
-            (len(route.sources), route.sights.cosines.shape[1], len(route.problem.stokes), self.slab_stack.r)
-        )
-        for k, piece in enumerate(self.pieces):
-            sent[2 * k], sent[2 * k + 1] = piece.send(dark, dark, beams[0][k], beams[1][k])
-        return sent
-
-    def send_changed(self, part: "Parts") -> Array:
-        """What changed beams, changed slabs and a changed base send along the sights."""
-        route, slab_stack = self.route, self.slab_stack
-        shape = len(route.sources), route.sights.cosines.shape[1], len(route.problem.stokes), slab_stack.r
-        sent = np.zeros(shape) if part.beams is None else self.send_beams(part.beams)
-        for k, own in enumerate(part.moved):
-            if own is not None:
-                up, down = own.send(
-                    slab_stack.entering[k], slab_stack.leaving[k + 1], route.falling[k], route.mirrored[k]
-                )
-                sent[2 * k] += up
-                sent[2 * k + 1] += down
-        if part.base is not None:
-            sent[-1] += route.leave_base(self.order, slab_stack.arriving[-1], part.base)
-        return sent
+def take_order(response: Response, index: int) -> Response:
+    """One of the orders."""
+    one = slice(index, index + 1)
+    return Response(
+        response.nodes[:, one], response.entering[:, one], response.leaving[:, one], response.passing[:, one]
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """One change in a stack: how its pieces, its base and its beams change, None where they do not, and what these send
-    out: of each piece up and down (n, r), of the base, and at rough interfaces up and down."""
+    """Light that one change in a stack makes its slabs, its base and its beams send out: to the nodes, (1, interface,
+    4, r, n), and along the sights, (1, source, r, n_sight S)."""
 
-    moved: list[Piece | None]
-    base: Base | None
-    beams: tuple[Array, Array, Array] | None
-    sources: list[tuple[Array, Array]]
-    below: Array
-    rough: dict[int, tuple[Array, Array]]
-
-
-class TangentStack(NodalStack):
-    """Light that changes send out, passed on by a stack that is solved already."""
-
-    def __init__(
-        self,
-        slab_stack: NodalStack,
-        sources: list[tuple[Array, Array]],
-        below: Array,
-        rough: dict[int, tuple[Array, Array]],
-    ) -> None:
-        self.route, self.order, self.pieces, self.n, self.r = (
-            slab_stack.route,
-            slab_stack.order,
-            slab_stack.pieces,
-            slab_stack.n,
-            below.shape[1],
-        )
-        self.residual, self.interface_operators, self.beams, self.below = (
-            0.0,
-            slab_stack.interface_operators,
-            sources,
-            below,
-        )
-        self.seen, self.seen_below, self.at_joint, self.in_slab = (
-            slab_stack.seen,
-            slab_stack.seen_below,
-            slab_stack.at_joint,
-            slab_stack.in_slab,
-        )
-        dark, count = np.zeros((self.n, self.r)), len(slab_stack.pieces) + 1
-        self.arriving, self.leaving, self.entering, self.rising = ([dark] * count for _ in range(4))
-        self.own, self.own_below = [dark] * count, [dark] * count
-        self.leaving_beams, self.entering_beams = [dark] * count, [dark] * count
-        for index, (leaving, entering) in rough.items():
-            self.leaving_beams[index], self.entering_beams[index] = leaving, entering
-
-    def put_slab(self, k: int) -> None:
-        """Its own light and that from below, up at the top of slab k."""
-        piece, (up, down), factors, seen = self.pieces[k], self.beams[k], self.in_slab[k], self.seen[k + 1]
-        own = self.own[k + 1]
-        if seen is not None:
-            assert factors is not None
-            own = factors.solve(seen @ down + own)
-        self.own_below[k] = up + piece.scatter(own, 1)
-
-    def add_interface(self, k: int, last: int) -> None:
-        """What goes up above interface k."""
-        sharing, seen, own = self.interface_operators[k], self.seen_below[k], self.own_below[k]
-        if k == last and self.route.base is not None:
-            self.own[k] = self.below
-            return
-        if sharing is None:
-            self.own[k] = own
-            return
-        if seen is not None:
-            own = own + seen @ self.entering_beams[k]
-            factors = self.at_joint[k]
-            own = own if factors is None else factors.solve(own)
-        self.own[k] = share(sharing.up, own) + self.leaving_beams[k]
+    light: Array
+    sent: Array

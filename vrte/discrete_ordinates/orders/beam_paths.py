@@ -5,9 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from vrte.basics.arrays import Array
+from vrte.basics.arrays import Array, IntArray
 from vrte.discrete_ordinates.orders.base import Base, expand_base
 from vrte.discrete_ordinates.orders.media import (
+    ARRIVING,
+    ENTERING,
+    LEAVING,
+    RISING,
     Cut,
     cut_pieces,
     find_beams,
@@ -18,8 +22,6 @@ from vrte.discrete_ordinates.orders.media import (
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.rough_interfaces import make_rough_interface
 from vrte.scene.boundary import Boundary
-
-RISING, ARRIVING, LEAVING, ENTERING = range(4)  # ways of light at a interface, see `find_escapes`
 
 
 class BeamPaths:
@@ -32,13 +34,9 @@ class BeamPaths:
         self.cut = cut_pieces(self.media.depths, problem.thickness, problem.level)
         self.sights = list_sights(self.media, problem.mu_out)
         self.into, beams = find_beams(self.media, self.cut, problem.mu0)
-        members = np.ix_(problem.stokes, problem.stokes)
         # power per unit flux of the beam that comes in, (piece, n_in, S, n_col), down at the top and up at the bottom
-        lit = problem.mu0[:, None, None]
-        columns = problem.columns.T
-        self.falling = lit * (beams.entering[:-1][..., members[0], members[1]] @ columns)
-        self.mirrored = lit * (beams.leaving[1:][..., members[0], members[1]] @ columns)
-        self.arriving = lit * (beams.arriving[-1][..., members[0], members[1]] @ columns)
+        self.falling, self.mirrored = self.power_of(beams.entering[:-1]), self.power_of(beams.leaving[1:])
+        self.arriving = self.power_of(beams.arriving[-1])
         self.beams = beams
         self.sources = list_sources(self.cut, self.rough, base)
         self.escapes = find_escapes(
@@ -65,8 +63,11 @@ class BeamPaths:
 
     def power_at(self, index: int, way: int) -> Array:
         """Power of beams at a interface, (n_in, S, n_col), coming up below it or down above it."""
-        members, part = np.ix_(self.problem.stokes, self.problem.stokes), self.beams
-        light = (part.rising if way == RISING else part.arriving)[index]
+        return self.power_of((self.beams.rising if way == RISING else self.beams.arriving)[index])
+
+    def power_of(self, light: Array) -> Array:
+        """Power of beams (..., n_in, S, n_col) from their Mueller matrices (..., n_in, 4, 4)."""
+        members = np.ix_(self.problem.stokes, self.problem.stokes)
         return self.problem.mu0[:, None, None] * (light[..., members[0], members[1]] @ self.problem.columns.T)
 
     def of_medium(self, index: float, place: int) -> Problem:
@@ -91,63 +92,63 @@ class BeamPaths:
         index = self.media.scene.media[-1]
         return expand_lossless_base(base, self.of_medium(index, len(self.media.scene.media) - 1), n_order, accuracy)
 
-    def reflect_on_base(
-        self, order: int, base: Base | None = None, arriving: Array | None = None
-    ) -> tuple[Array | None, Array]:
-        """The base's operator on all nodes (n, n), None for none, and its reflection of the beam, (n, r); or those of
-        another base, or of a beam of other power ``arriving`` (n_in, S, n_col)."""
+    def reflect_on_base(self, orders: IntArray, arriving: Array, base: Base | None = None) -> Array:
+        """What the base, or another one, sends to the nodes of a beam of that power (n_in, S, n_col): (order, r, n)."""
         base, problem = self.base if base is None else base, self.problem
-        arriving = self.arriving if arriving is None else arriving
-        light = np.zeros((problem.size, problem.n_rhs))
-        row = -1 if base is None else int(base.row[order])
-        if base is None or row < 0:
-            return None, light
-        count = base.matrix.shape[1]
-        matrix = np.zeros((problem.size, problem.size))
-        matrix[problem.size - count :, problem.size - count :] = base.matrix[row].T
-        index, into = self.media.scene.media[-1], self.into[-1]
+        light = np.zeros((orders.size, problem.n_rhs, problem.size))
+        if base is None:
+            return light
+        row, index, into = base.row[orders], self.media.scene.media[-1], self.into[-1][:, None, None]
         with np.errstate(divide="ignore", invalid="ignore"):
-            flux = np.where(into[:, None, None] > 0.0, arriving / into[:, None, None], 0.0) / index
-        source = base.source[row].reshape(into.size, -1, count)  # (n_in, S, n), for unit Stokes vectors
-        light[problem.size - count :] = np.einsum("ian,iac->nic", source, flux).reshape(count, -1)
-        return matrix, light
+            flux = np.where(into > 0.0, arriving / into, 0.0).swapaxes(-1, -2) / index
+        source = base.source[row[row >= 0]]  # for unit Stokes vectors
+        count = source.shape[-1]
+        sent = flux @ source.reshape(-1, *arriving.shape[:2], count)
+        light[row >= 0, :, problem.size - count :] = sent.reshape(-1, problem.n_rhs, count)
+        return light
 
-    def leave_base(self, order: int, arriving: Array, base: Base | None = None) -> Array:
-        """What the base, or another one, sends along the sights of light on the nodes, (n, r): (n_sight, S, r)."""
-        base, stokes = self.base if base is None else base, len(self.problem.stokes)
-        shape = self.sights.cosines.shape[1], stokes, arriving.shape[1]
-        row = -1 if base is None else int(base.row[order])
-        if base is None or row < 0:
-            return np.zeros(shape)
-        own = arriving[arriving.shape[0] - base.out.shape[1] :]
-        found: Array = base.out[row].T @ own / self.media.scene.media[-1]
-        return found.reshape(shape)
+    def spread_from_base(self, orders: IntArray, arriving: Array, base: Base) -> Array:
+        """What a base sends to the nodes of light on them, both (order, r, n)."""
+        found, row, count = np.zeros_like(arriving), base.row[orders], base.matrix.shape[1]
+        lit, first = row >= 0, arriving.shape[-1] - count
+        found[lit, :, first:] = arriving[lit, :, first:] @ base.matrix[row[lit]]
+        return found
+
+    def leave_base(self, orders: IntArray, arriving: Array, base: Base | None = None) -> Array:
+        """What the base, or another one, sends along the sights of light on the nodes, (order, r, n): (order, r,
+        n_sight S)."""
+        base = self.base if base is None else base
+        found = np.zeros((*arriving.shape[:2], self.sights.cosines.shape[1] * len(self.problem.stokes)))
+        if base is not None:
+            row = base.row[orders]
+            own = arriving[row >= 0, :, arriving.shape[-1] - base.out.shape[1] :]
+            found[row >= 0] = own @ base.out[row[row >= 0]] / self.media.scene.media[-1]
+        return found
 
     def look(self, sent: Array, escapes: Array | None = None) -> Array:
-        """What is seen of light ``sent`` out along the sights (source, n_sight, S, r): radiance for unit beams, (n_tau,
-        n_in, n_col, n_out, S), public frame. ``escapes``: other ones than those of the stack."""
+        """What is seen of light ``sent`` out along the sights (order, source, r, n_sight S): radiance for unit beams,
+        (order, n_tau, n_in, n_col, n_out, S), public frame. ``escapes``: other ones than those of the stack."""
         escapes = self.escapes if escapes is None else escapes
         problem, stokes = self.problem, len(self.problem.stokes)
-        light = np.empty((*self.sights.place.shape, stokes, problem.n_rhs))
+        apart = sent.reshape(*sent.shape[:3], -1, stokes).transpose(0, 3, 1, 4, 2)  # (order, n_sight, source, S, r)
+        light = np.empty((len(sent), *self.sights.place.shape, stokes, problem.n_rhs))
         for t, row in enumerate(self.sights.place):
-            seen = sent[:, row].transpose(1, 0, 2, 3).reshape(row.size, -1, problem.n_rhs)
-            light[t] = escapes[t].reshape(row.size, stokes, -1) @ seen * self.sights.index[t] ** 2
-        light[:, : problem.n_up] *= problem.flip[:, None]
+            seen = apart[:, row].reshape(len(sent), row.size, -1, problem.n_rhs)
+            light[:, t] = escapes[t].reshape(row.size, stokes, -1) @ seen * self.sights.index[t] ** 2
+        light[:, :, : problem.n_up] *= problem.flip[:, None]
         light /= 2.0 * np.pi
-        return light.reshape(*light.shape[:3], problem.mu0.size, -1).transpose(0, 3, 4, 1, 2)
+        return light.reshape(*light.shape[:4], problem.mu0.size, -1).transpose(0, 1, 4, 5, 2, 3)
 
-    def sum_fluxes(
-        self, arriving: Sequence[Array], leaving: Sequence[Array], entering: Sequence[Array], rising: Sequence[Array]
-    ) -> Array:
-        """Fluxes up and down at the depths, (2, n_tau, r), of light on the nodes at every interface, each (n, r)."""
+    def sum_fluxes(self, light: Array) -> Array:
+        """Fluxes up and down at the depths, (2, n_tau, r), of light on the nodes (interface, way, r, n)."""
         found = np.empty((2, self.cut.at.size, self.problem.n_rhs))
         sides = zip(self.cut.at.tolist(), self.media.depths.under.tolist(), strict=True)
         for t, (interface, under) in enumerate(sides):
             index = float(self.sights.index[t])
             nodes, weights = self.media.nodes.carried(index)
             scale = index * np.sqrt(weights * nodes)
-            for way, field in enumerate((rising, entering) if under else (leaving, arriving)):
-                found[way, t] = scale @ field[interface][:: len(self.problem.stokes)][-nodes.size :]
+            for way, place in enumerate((RISING, ENTERING) if under else (LEAVING, ARRIVING)):
+                found[way, t] = light[interface, place, :, :: len(self.problem.stokes)][:, -nodes.size :] @ scale
         return found
 
 

@@ -22,6 +22,7 @@ from vrte.scene.beams import (
 from vrte.scene.scene import Scene
 
 Found = TypeVar("Found")
+RISING, ARRIVING, LEAVING, ENTERING = range(4)  # ways of light at an interface: up below, down above, up above, down
 
 
 @dataclass(frozen=True, eq=False)

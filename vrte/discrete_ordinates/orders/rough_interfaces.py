@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vrte.basics.arrays import Array
+from vrte.basics.arrays import Array, IntArray
 from vrte.basics.polarization import FLIP
-from vrte.discrete_ordinates.orders.media import Media
+from vrte.discrete_ordinates.orders.media import ENTERING, LEAVING, Media
 from vrte.discrete_ordinates.orders.rough import expand_interface
 
 
@@ -20,16 +20,15 @@ class Way:
     entering: Array
     leaving: Array
 
-    def collect(self, order: int, power: Array) -> Array:
-        """From beams of that power (n_in, S, n_col) to the nodes, (n, r)."""
-        found = np.einsum("nia,iac->nic", self.entering[order], power)
-        return found.reshape(found.shape[0], -1)
+    def collect(self, orders: IntArray, power: Array) -> Array:
+        """From beams of that power (n_in, S, n_col) to the nodes, (order, r, n)."""
+        found = np.einsum("onia,iac->oicn", self.entering[orders], power)
+        return found.reshape(orders.size, -1, found.shape[-1])
 
-    def send(self, order: int, field: Array) -> Array:
-        """Along the sights from light on the nodes (n, r): (n_sight, S, r)."""
-        rows = self.leaving[order]
-        found: Array = rows.reshape(-1, rows.shape[-1]) @ field
-        return found.reshape(*rows.shape[:2], field.shape[1])
+    def send(self, orders: IntArray, light: Array) -> Array:
+        """Along the sights from light on the nodes (order, r, n): (order, r, n_sight S)."""
+        rows = self.leaving[orders]
+        return light @ rows.reshape(orders.size, -1, rows.shape[-1]).swapaxes(-1, -2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +39,12 @@ class RoughInterface:
     below: Way
     down: Way
     up: Way
+
+    def light(self, light: Array, orders: IntArray, falls: Array, rises: Array) -> None:
+        """Adds what beams of that power (n_in, S, n_col) from above and from below send to the nodes, (order, 4, r,
+        n)."""
+        light[:, LEAVING] += self.above.collect(orders, falls) + self.up.collect(orders, rises)
+        light[:, ENTERING] += self.down.collect(orders, falls) + self.below.collect(orders, rises)
 
 
 def make_rough_interface(

@@ -50,7 +50,7 @@ def choose_algorithms(
         return choose_products(algorithm, problem, strength, accuracy)
     every = slice(0, strength.size)
     if algorithm == "invariance" and not is_top_only(problem):
-        reason = "invariance was asked for, and is for the top of what has no end to these orders"
+        reason = "invariance was asked for, and is for the top of what has no end to these orders, under no surface"
         return [(every, Choice("modes", reason))]
     if algorithm == "invariance":
         first = int(np.count_nonzero(strength > STRONGEST))
@@ -65,8 +65,7 @@ def choose_algorithms(
         reason = "auto: modes lose digits along the lowest nodes"
         return [(every, Choice("doubling", reason))]
     first = strength.size
-    # under a surface the nodes' own light would have to be found as well, as of so many beams
-    if algorithm == "auto" and is_top_only(problem) and accuracy >= FINEST and problem.media is None:
+    if algorithm == "auto" and is_top_only(problem) and accuracy >= FINEST:
         fraction = count_operations_of_invariance(problem, strength, accuracy) / count_operations_of_modes(problem)
         first = int(np.count_nonzero((fraction >= 1.0) | (strength > STRONGEST)))
     given = orders if algorithm == "auto" else None
@@ -171,8 +170,9 @@ def find_scenes_for_modes(problem: Problem, doubling: DoublingSteps, algorithm: 
 
 
 def is_top_only(problem: Problem) -> bool:
-    """Whether nothing but the light reflected by one semi-infinite layer is asked for."""
-    return problem.albedo.size == 1 and math.isinf(problem.thickness[0]) and not problem.level.any()
+    """Whether nothing but the light reflected by one semi-infinite layer is asked for, and no surface sends it back."""
+    endless = problem.albedo.size == 1 and math.isinf(problem.thickness[0])
+    return endless and not problem.level.any() and problem.media is None
 
 
 def count_operations_of_modes(problem: Problem) -> float:

@@ -250,14 +250,14 @@ class Sections:
         """Radiance for unit beams, (n_tau, n_in, n_col, n_out, S), public frame: of light that leaves sections along
         directions off the nodes, and of light on the nodes that arrives at the base, (n, b)."""
         beam_paths = self.beam_paths
-        shape = beam_paths.sights.cosines.shape[1], len(beam_paths.problem.stokes), beam_paths.problem.n_rhs
-        sent = np.zeros((len(beam_paths.sources), *shape))
+        rows = beam_paths.sights.cosines.shape[1] * len(beam_paths.problem.stokes)
+        sent = np.zeros((1, len(beam_paths.sources), beam_paths.problem.n_rhs, rows))
         for index, pair in faces.items():
             for end, light in enumerate(pair):
-                sent[2 * index + end] = light.reshape(shape)
+                sent[0, 2 * index + end] = light.reshape(rows, -1).T
         if beam_paths.base is not None:
-            sent[-1] = beam_paths.leave_base(order, self.scale * arriving)
-        return beam_paths.look(sent)
+            sent[:, -1] = beam_paths.leave_base(np.array([order]), (self.scale * arriving).T[None])
+        return beam_paths.look(sent)[0]
 
 
 class Order:
@@ -267,8 +267,11 @@ class Order:
     def __init__(self, stack: Sections, order: int) -> None:
         self.stack, self.order = stack, order
         self.scattered = {section.layer: section.on_nodes.scatter(order, section.layer) for section in stack.sections}
-        base, beam = stack.beam_paths.reflect_on_base(order)
-        self.base = None if base is None else base / stack.scale * stack.scale[:, 0]
+        paths, number = stack.beam_paths, np.array([order])
+        beam, self.base = paths.reflect_on_base(number, paths.arriving)[0].T, None
+        if paths.base is not None and paths.base.row[order] >= 0:
+            own = paths.base.matrix[paths.base.row[order]].T
+            self.base = np.pad(own, (stack.scale.size - len(own), 0)) / stack.scale * stack.scale[:, 0]
         once = {section.place: section.scatter_beams(self.scattered[section.layer]) for section in stack.sections}
         self.once = stack.carry(once, beam / stack.scale)
 

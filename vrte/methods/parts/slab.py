@@ -14,10 +14,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vrte import _core
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.differences import divide_exp_once
 from vrte.basics.errors import AccuracyError
+from vrte.basics.polarization import FLIP
 from vrte.basics.quadrature import Panel, RefractedNodes
 from vrte.basics.running import Run
 from vrte.basics.spherical_functions import find_gauss_legendre
@@ -26,7 +28,7 @@ from vrte.discrete_ordinates.orders.media import Media
 from vrte.discrete_ordinates.orders.phase_assembly import find_even_shifts
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.refracting import Refracting, Responder
-from vrte.discrete_ordinates.orders.slab_response import Response, scatter_once, shape_response
+from vrte.discrete_ordinates.orders.slab_response import Response
 from vrte.methods.parts.method import Answer, Fluxes, Task
 from vrte.request.request import Request
 from vrte.scene.beams import locate_depths
@@ -122,6 +124,33 @@ class OnNodes:
         return np.concatenate([left, beams.reshape(self.rows.size, -1)], axis=1)
 
 
+def scatter_once(order: int, coefficients: Array, mu_out: Array, mu_in: Array, shifts: Array) -> Array:
+    """A^m into light going up (flipped) and down from light going down, (2, n_out, n_in, 4, 4), times 1; ``shifts``
+    (term, 2): what order 0's functions of even degree are multiplied with and lessened by, see `find_even_shifts`."""
+    terms = coefficients.shape[0]
+    if order >= terms:
+        return np.zeros((2, mu_out.size, mu_in.size, 4, 4))
+    functions = [
+        _core.generalized_spherical_functions(order, terms, cosines)[order:] for cosines in (-mu_out, mu_out, mu_in)
+    ]
+    up, down, into = (_core.legendre_matrices(table) for table in functions)
+    if order == 0:
+        for matrices in (up, down, into):  # I alone: V has the same functions, and no flux
+            matrices[:, :, 0, 0] = shifts[:terms, :1] * matrices[:, :, 0, 0] - shifts[:terms, 1:]
+    a1, a2, a3, a4, b1, b2 = coefficients[order:].T
+    middle = np.zeros((terms - order, 4, 4))
+    middle[:, 0, 0], middle[:, 1, 1], middle[:, 2, 2], middle[:, 3, 3] = a1, a2, a3, a4
+    middle[:, 0, 1] = middle[:, 1, 0] = -b1
+    middle[:, 2, 3], middle[:, 3, 2] = -b2, b2
+    right = into.transpose(0, 2, 1, 3).reshape(-1, 4 * mu_in.size)
+    found = np.empty((2, mu_out.size, mu_in.size, 4, 4))
+    for way, left in enumerate((up, down)):
+        rows = np.matmul(left, middle[:, None]).transpose(1, 2, 0, 3).reshape(4 * mu_out.size, -1)
+        found[way] = (rows @ right).reshape(mu_out.size, 4, mu_in.size, 4).transpose(0, 2, 1, 3)
+    found[0] *= FLIP[:, None]
+    return found
+
+
 @lru_cache(maxsize=16)
 def find_gauss_depths(points: int) -> Any:
     """Gauss points of (0, 1), ascending, (points,)."""
@@ -189,8 +218,8 @@ class Slab:
         reflected = R + rises * up + T[:, :n] @ up[:n]
         return Slab(self.on_nodes, 2.0 * self.tau, reflected, rises * down + T * falls + T[:, :n] @ down[:n])
 
-    def respond(self) -> Response:
-        """The slab as what joins slabs takes it: on the nodes scaled by sqrt(weight mu), unscattered light included."""
+    def respond(self) -> tuple[Array, Array, Array, Array]:
+        """The slab as `Response` has it: on the nodes scaled by sqrt(weight mu), unscattered light included."""
         problem, n = self.on_nodes.problem, self.on_nodes.n
         scale = np.repeat(np.sqrt(problem.weights * problem.nodes), len(problem.stokes))
         both = np.array([self.R, self.T])[None]
@@ -198,7 +227,7 @@ class Slab:
         both[..., :n, :] *= scale[:, None]
         both[..., :n] /= scale
         onto, off = both[..., :n, :], both[..., n:, :]
-        return shape_response(problem, onto[..., :n], onto[..., n:], off[..., :n], off[..., n:], {})
+        return onto[..., :n], onto[..., n:], off[..., :n], off[..., n:]
 
 
 # R and T of a slab: nodes, what it scatters, its optical thickness, whether it conserves the flux of order 0
@@ -208,14 +237,16 @@ Builder = Callable[[OnNodes, Scattered, float, bool], Slab]
 def solve_by_slabs(task: Task, build: Builder, stage: str) -> Answer:
     """The answer from slabs that ``build`` makes, their time timed under the name of a stage."""
 
-    def respond(problem: Problem, material: IntArray, thickness: Array, orders: IntArray, run: Run) -> list[Response]:
+    def respond(problem: Problem, material: IntArray, thickness: Array, orders: IntArray, run: Run) -> Response:
         on_nodes, order = OnNodes(problem), int(orders[0])
         with run.timed(stage):
             scattered = [on_nodes.scatter(order, kind) for kind in range(problem.albedo.size)]
-            return [
+            slabs = [
                 build(on_nodes, scattered[kind], tau, order == 0 and problem.albedo[kind] == 1.0).respond()
                 for kind, tau in zip(material.tolist(), thickness.tolist(), strict=True)
             ]
+            nodes, entering, leaving, passing = map(np.stack, zip(*slabs, strict=True))
+            return Response(nodes, entering, leaving, passing)
 
     return task.answer_on_nodes(*join_slabs(task, respond))
 
