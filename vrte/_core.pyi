@@ -133,42 +133,8 @@ def fused_modes_work(
     n: int, n_layer: int, n_rhs: int, rows: int, into: int, n_all: int, n_term: int, stokes: int
 ) -> int: ...
 def homogeneous_work(n: int) -> int: ...
-def respond(
-    crew: ThreadTeam,
-    *,
-    lam_re: Array,
-    lam_im: Array,
-    X: Array,
-    Y: Array,
-    c: Array,
-    zeta: Array,
-    G_E: Array,
-    G_F: Array,
-    clear: IntArray,
-    material: IntArray,
-    thickness: Array,
-    mu0: Array,
-    mu_out: Array,
-    nodes: Array,
-    entering: Array,
-    leaving: Array,
-    passing: Array,
-    residual: Array,
-    info: IntArray,
-) -> None: ...
-def join_media(
-    crew: ThreadTeam,
-    *,
-    slabs: list[Array],
-    joints: list[Array | None],
-    kind: IntArray,
-    base_row: IntArray,
-    base: Array,
-    stokes: int,
-    light: Array,
-    residual: Array,
-    info: IntArray,
-) -> None: ...
+def respond(crew: ThreadTeam, *, lam_re: Array, lam_im: Array, X: Array, Y: Array, c: Array, zeta: Array, G_E: Array, G_F: Array, clear: IntArray, material: IntArray, thickness: Array, mu0: Array, mu_out: Array, nodes: Array, entering: Array, leaving: Array, passing: Array, residual: Array, info: IntArray) -> None: ...
+def join_media(crew: ThreadTeam, *, slabs: list[Array], joints: list[Array | None], kind: IntArray, base_row: IntArray, base: Array, stokes: int, light: Array, residual: Array, info: IntArray) -> None: ...
 def boundary_work(n: int, n_layer: int, n_rhs: int) -> int: ...
 def extended_size(n: int, r: int, o: int) -> int: ...
 def reconstruction_work(n: int, rows: int, n_rhs: int, n_layer: int) -> int: ...
