@@ -131,7 +131,7 @@ cdef void facet_piece(const Arrays* f, const Pair* p, double start, double end, 
                       Samples* t) noexcept nogil:
     """Adds a piece of azimuth; at its end (root_at 1) or start (-1) may be a square root, which t^2 makes smooth."""
     cdef int pieces = 1 + <int>((end - start) / longest), k, j, r
-    cdef double size = (end - start) / pieces, x, phi, weight
+    cdef double size = (end - start) / pieces, x, half, sh, ch, weight
     cdef double z[4][4]
     cdef doubles even
     cdef doubles odd
@@ -144,15 +144,16 @@ cdef void facet_piece(const Arrays* f, const Pair* p, double start, double end, 
             elif root_at > 0 and k == pieces - 1:
                 weight *= 2.0 * x
                 x = 1.0 - x * x
-            phi = start + (k + x) * size
-            facet_mueller(f, p, phi, weight, z)
+            half = 0.5 * (start + (k + x) * size)
+            sh, ch = sin(half), cos(half)
+            facet_mueller(f, p, sh, ch, weight, z)
             even, odd = t.even + 8 * t.count, t.odd + 8 * t.count
             for r in range(2):
                 even[2 * r], even[2 * r + 1] = z[r][0], z[r][1]
                 even[4 + 2 * r], even[5 + 2 * r] = z[2 + r][2], z[2 + r][3]
                 odd[2 * r], odd[2 * r + 1] = -z[r][2], -z[r][3]
                 odd[4 + 2 * r], odd[5 + 2 * r] = z[2 + r][0], z[2 + r][1]
-            t.turn[t.count], t.turn[AZIMUTHS + t.count] = cos(phi), sin(phi)
+            t.turn[t.count], t.turn[AZIMUTHS + t.count] = 1.0 - 2.0 * sh * sh, 2.0 * sh * ch
             t.count += 1
             if t.count == AZIMUTHS:
                 add_samples(f, t)
@@ -189,9 +190,10 @@ cdef void multiply_apart(int n, int n_order, given samples, given multiples, dou
           &eight)
 
 
-cdef void facet_mueller(const Arrays* f, const Pair* g, double phi, double weight, double (*z)[4]) noexcept nogil:
-    """z: weight times f, as in vrte/optics/facets.py."""
-    cdef double half = 0.5 * phi, sh = sin(half), ch = cos(half), full = 2.0 * sh * ch, n = f.index
+cdef void facet_mueller(const Arrays* f, const Pair* g, double sh, double ch, double weight,
+                        double (*z)[4]) noexcept nogil:
+    """z: weight times f at an azimuth whose half has the sine sh and the cosine ch, as in vrte/optics/facets.py."""
+    cdef double full = 2.0 * sh * ch, n = f.index, root
     cdef double across = g.across + g.apart * sh * sh, tilt = across / g.vertical, strength = weight * g.common
     cdef double size, less, ci, co, a_i, b_i, a_o, b_o, norm, c2, s2, d2, e2, a, b, re, im
     cdef cplx inside, p, s, low, m = make(f.index, f.absorption)
@@ -214,14 +216,19 @@ cdef void facet_mueller(const Arrays* f, const Pair* g, double phi, double weigh
     else:
         ci = 0.5 * sqrt(size)
         # n c of what gets in, from n^2 - sin^2 as fresnel.py has it
-        inside = times(m - 1.0, m + 1.0)
-        inside = c_sqrt(make(inside.real + ci * ci, inside.imag))
-        if inside.imag < 0.0:
-            inside = make(-inside.real, -inside.imag)
+        inside = times(m - 1.0, m + 1.0) + ci * ci
         low = times(m, m)
-        s = over(make(ci - inside.real, -inside.imag), make(ci + inside.real, inside.imag))
-        p = over(make(low.real * ci - inside.real, low.imag * ci - inside.imag),
-                 make(low.real * ci + inside.real, low.imag * ci + inside.imag))
+        if inside.imag == 0.0 and inside.real >= 0.0:
+            root = sqrt(inside.real)
+            s = make((ci - root) / (ci + root), 0.0)
+            p = make((low.real * ci - root) / (low.real * ci + root), 0.0)
+        else:
+            inside = c_sqrt(inside)
+            if inside.imag < 0.0:
+                inside = make(-inside.real, -inside.imag)
+            s = over(make(ci - inside.real, -inside.imag), make(ci + inside.real, inside.imag))
+            p = over(make(low.real * ci - inside.real, low.imag * ci - inside.imag),
+                     make(low.real * ci + inside.real, low.imag * ci + inside.imag))
         b_i = 2.0 * g.mu_i * g.sine_o * ch * ch + g.between
         b_o = 2.0 * g.mu_o * g.sine_i * ch * ch - g.between
     if a_i * a_i + b_i * b_i == 0.0 or a_o * a_o + b_o * b_o == 0.0:     # parallel: r of what comes

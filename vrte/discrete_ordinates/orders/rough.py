@@ -149,14 +149,21 @@ def send_through(
     interface: Interface, nodes: RefractedNodes, beams: Array, seen: Array, n_order: int, accuracy: float
 ) -> tuple[Array, Array]:
     """R^m of light let through, from nodes below to directions ``seen`` above, (order, node, out, 4, 4), and down from
-    beams to these nodes, (order, beam, node, 4, 4)."""
-    above, below, none = interface.facets, interface.turned.facets, np.zeros(0)
-    gain, (mu, _) = (interface.index_below / interface.index_above) ** 2, nodes.carried(interface.index_below)
-    through = gather_orders(below, True, nodes, np.concatenate([seen, beams]), n_order, accuracy)
-    up, down = through[:, :, : seen.size], turn_way(gain * through[:, :, seen.size :], TRANSMITTED)
-    if interface.conserving:
-        add_lost(up, below, True, (mu, none), (none, seen))
-        add_lost(down, above, True, (none, beams), (mu, none))
+    beams to these nodes, (order, beam, node, 4, 4). It is remembered."""
+    placed = (nodes.highest, nodes.depth, nodes.measure, beams, seen)
+    key = "through", interface, nodes.panels, tuple(part.tobytes() for part in placed), n_order, accuracy
+
+    def integrate() -> tuple[Array, Array]:
+        above, below, none = interface.facets, interface.turned.facets, np.zeros(0)
+        gain, (mu, _) = (interface.index_below / interface.index_above) ** 2, nodes.carried(interface.index_below)
+        through = gather_orders(below, True, nodes, np.concatenate([seen, beams]), n_order, accuracy)
+        up, down = through[:, :, : seen.size], turn_way(gain * through[:, :, seen.size :], TRANSMITTED)
+        if interface.conserving:
+            add_lost(up, below, True, (mu, none), (none, seen))
+            add_lost(down, above, True, (none, beams), (mu, none))
+        return up, down
+
+    up, down = _EXPANDED.find(key, integrate)
     return up, down
 
 

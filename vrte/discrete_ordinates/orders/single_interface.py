@@ -223,7 +223,13 @@ class UnderRough(SingleInterface):
             """Along some sights, (order, n_in, n_col, n_sight, S), of light that comes up."""
             chosen = rows[orders][:, sights]
             light = rising @ chosen.reshape(orders.size, -1, rising.shape[2]).swapaxes(1, 2) / (2.0 * np.pi)
-            shape = orders.size, self.problem.mu0.size, -1, sights.size, len(self.problem.stokes)
+            shape = (
+                orders.size,
+                *self.problem.mu0.shape,
+                len(self.problem.columns),
+                sights.size,
+                len(self.problem.stokes),
+            )
             return light.reshape(shape)
 
         for t, (up, down, straight) in enumerate(depths):
