@@ -56,7 +56,8 @@ def list_notes(request: Request, net: Array) -> list[str]:
     indices, losing = locate_levels(request)
     order = np.argsort(indices)
     edges = [*indices[order].tolist(), float(len(losing))]
-    absorbed = -np.diff(net[order], axis=0, append=0.0)
+    absorbed = net[order]
+    absorbed[:-1] -= net[order[1:]]
     made = np.sqrt((absorbed[..., 1:] ** 2).sum(axis=-1)) - absorbed[..., 0]  # of the polarization that gains most
     kept = [not any(losing[int(edges[k]) : int(np.ceil(edges[k + 1]))]) for k in range(len(order))]
     made[kept] = np.abs(absorbed[kept]).max(axis=-1)

@@ -1,6 +1,7 @@
 """From a scene and a request to the arrays that every stage works on."""
 
 import math
+import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -104,11 +105,11 @@ def place_levels(tau: Array, scenes: Sequence[Scene]) -> tuple[Array, IntArray]:
     if thickness[:, 0].all() and not tau.any():
         return np.zeros(tau.shape), np.zeros(tau.shape[1], np.int32)
     above, total = find_layer_tops(thickness), np.array([scene.thickness for scene in scenes])[:, None]
-    at = np.clip((above[:, None] <= tau[..., None]).sum(axis=2) - 1, 0, None)
+    at = np.maximum((above[:, None] <= tau[..., None]).sum(axis=2) - 1, 0)
     at[tau >= total] = above.shape[1] - 1
     own = np.take_along_axis(thickness, at, axis=1)
-    level = np.clip(tau - np.take_along_axis(above, at, axis=1), 0.0, own)
-    rounding = LAST_PLACES * np.finfo(float).eps * tau
+    level = np.minimum(np.maximum(tau - np.take_along_axis(above, at, axis=1), 0.0), own)
+    rounding = LAST_PLACES * sys.float_info.epsilon * tau
     level = np.where(level <= rounding, 0.0, level)
     level = np.where(own - level <= rounding, own, level)
     return np.where(tau >= total, thickness[:, -1:], level), at[0].astype(np.int32)

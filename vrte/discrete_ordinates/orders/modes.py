@@ -28,12 +28,7 @@ QUICK = 3e-12  # accuracy of the symmetric eigensolver on 16 nodes: ten times th
 
 def is_quick(problem: Problem, accuracy: float) -> bool:
     """Whether the symmetric eigensolver is accurate enough, where there is something symmetric."""
-    return problem.skip_flags.symmetric and is_quick_on(problem.nodes.size, accuracy)
-
-
-def is_quick_on(nodes: int, accuracy: float) -> bool:
-    """Whether the symmetric eigensolver is accurate enough on so many nodes."""
-    return accuracy >= QUICK * max(1.0, nodes / 16.0) ** 3.3
+    return problem.skip_flags.symmetric and accuracy >= QUICK * max(1.0, problem.nodes.size / 16.0) ** 3.3
 
 
 def count_repeats(twice: int, kind: str) -> list[tuple[str, str]]:

@@ -8,6 +8,7 @@ import numpy as np
 from vrte.basics.arrays import Array, IntArray
 
 MOST_KEPT, MOST_NUMBERS = 16, 20_000  # of the tables of cosines that are kept: how many, and numbers in each
+MOST_AZIMUTHS = 4000  # that are kept with what was made of them
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +51,8 @@ def fold_azimuths(phi: Array, mirror: bool = True) -> Azimuths:
     >>> fold_azimuths(np.array([10.0, 350.0, -10.0, 370.0])).sign.tolist()
     [1.0, -1.0, -1.0, 1.0]
     """
-    return fold_again(np.asarray(phi, float).tobytes(), mirror)
+    fold = fold_again if phi.size <= MOST_AZIMUTHS else fold_again.__wrapped__
+    return fold(np.asarray(phi, float).tobytes(), mirror)
 
 
 @lru_cache(maxsize=16)

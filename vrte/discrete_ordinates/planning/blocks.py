@@ -61,7 +61,7 @@ class Part(NamedTuple):
     has_end: bool
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=64)
 def sort_orders(
     sets: Sets, stages: tuple[int, ...], along_normal: bool, reached: tuple[tuple[int, bool], ...]
 ) -> tuple[tuple[tuple[Part, IntArray], ...], bool]:

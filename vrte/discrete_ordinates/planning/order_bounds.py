@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -70,7 +70,7 @@ def view_from_densest_medium(problem: Problem, mu: Array) -> tuple[Problem, Arra
 def find_order_bounds(problem: Problem, run: Run) -> OrderBounds:
     """Strength of each order, and a bound on what it adds."""
     directions, (rows, terms, _) = problem.directions, problem.coefficients.shape
-    if directions.size * terms**2 < cost.WORTH_THREADS_BOUNDS:
+    if run.threads > 1 and directions.size * terms**2 < cost.WORTH_THREADS_BOUNDS:
         run = replace_unchecked(run, threads=1)
     by_layer, bounds = np.empty((rows, terms)), np.empty((problem.scenes, terms))
     with run.timed("planning") as crew:
@@ -94,7 +94,7 @@ def find_brightness(scenes: Sequence[Scene], problem: Problem, mu: Array, phi: A
     (degrees): the brightest at each depth for each beam, (scene, n_tau, n_in). Never more than the light there is, so
     without forward peaks where they are taken off: their light goes on being scattered."""
     out, into, angles = mu[spread_places(mu.size)], problem.mu0, np.radians(phi[spread_places(phi.size)])
-    levels = np.arange(problem.level_layer.size, dtype=np.int32)
+    levels, alone = np.arange(problem.level_layer.size, dtype=np.int32), replace_unchecked(run, threads=1)
     light = np.zeros((problem.scenes, levels.size, into.size, out.size, angles.size, 4, 1))
     seen: dict[str, Any] = {
         "cos_phi": np.cos(angles),
@@ -102,7 +102,7 @@ def find_brightness(scenes: Sequence[Scene], problem: Problem, mu: Array, phi: A
         "angle": np.arange(angles.size, dtype=np.int32),
     }
     for table, path in find_scatterers(scenes, problem, levels, out, whole=not problem.fraction.any()):
-        with replace_unchecked(run, threads=1).timed("planning") as crew:
+        with alone.timed("planning") as crew:
             _core.add_single_scattering(
                 crew,
                 table=table,
@@ -239,7 +239,7 @@ def list_stokes_sets(problem: Problem) -> list[Sets]:
     return [name_stokes_sets(rows.tobytes()) for rows in present]
 
 
-@cache
+@lru_cache(maxsize=256)
 def name_stokes_sets(present: bytes) -> Sets:
     """The same of one scene, of whose coefficients a2 .. b2 some are there in the degrees l >= m, (order, 5)."""
     rows = np.frombuffer(present, bool).reshape(-1, 5).tolist()
