@@ -453,7 +453,9 @@ def pull_once(beam_paths: BeamPaths, phi: Array, weights: Array, single: list[Ar
         medium = 1 + layer
         into, out = beam_paths.into[medium], sights.cosines[medium]
         mu_in, mu_out = np.where(into > 0.0, into, 1.0), np.where(out > 0.0, out, 1.0)
-        paths = integrate_slab_paths(float(cut.thickness[k]), mu_in, mu_out) * ((out > 0.0)[:, None] & (into > 0.0))
+        paths = integrate_slab_paths(cut.thickness[k : k + 1], mu_in, mu_out)[:, 0].swapaxes(1, 2) * (
+            (out > 0.0)[:, None] & (into > 0.0)
+        )
         paths /= 4.0 * np.pi * beam_paths.media.scene.media[medium] ** 2 * mu_in
         for side, end in np.ndindex(2, 2):
             way, power = int(end != side), (beam_paths.falling, beam_paths.mirrored)[side][k]

@@ -14,6 +14,7 @@ from vrte.discrete_ordinates.execution.through_interfaces import (
     make_base_reflector,
     make_facet_scatterer,
     make_scatterer,
+    make_vertex,
 )
 from vrte.discrete_ordinates.orders.beam_paths import BeamPaths
 from vrte.discrete_ordinates.orders.media import Sights, find_escapes
@@ -65,9 +66,9 @@ def list_vertices_of(
     def add(light: Array, new_light: Array | None, source: int, scatter: object, is_surface: bool = False) -> None:
         seen = escapes[:, :, :, source]
         if new_light is not None and new_light.any() and seen.any():
-            found.append(Vertex(lit * (new_light @ columns), seen, scatter, is_surface))  # type: ignore[arg-type]
+            found.append(make_vertex(lit * (new_light @ columns), seen, scatter, is_surface))  # type: ignore[arg-type]
         if changed is not None and light.any() and changed[:, :, :, source].any():
-            found.append(Vertex(lit * (light @ columns), changed[:, :, :, source], scatter, is_surface))  # type: ignore[arg-type]
+            found.append(make_vertex(lit * (light @ columns), changed[:, :, :, source], scatter, is_surface))  # type: ignore[arg-type]
 
     for k, layer in enumerate(cut.layer.tolist()):
         ways = (
@@ -77,15 +78,15 @@ def list_vertices_of(
         for light, new_light, below in ways:
             for end in range(2):
                 way, source = int(end != below), 2 * k + end
-                given = problem, media, cut, k, into, sights, azimuths, way, run
+                given = problem, media, cut, np.array([k], np.int32), into, sights, azimuths, way, run
                 if problem.gain[layer] > 0.0:
                     add(light, new_light, source, make_scatterer(*given))
                 seen = escapes[:, :, :, source]
                 if light.any() and seen.any():
                     power = lit * (light @ columns)
                     for table, path in change_scatterer(beam_paths, change, k, way):
-                        scatter = make_scatterer(*given, table=table, path=path)
-                        found.append(Vertex(power, seen, scatter))
+                        scatter = make_scatterer(*given, table=table, path=path[None])
+                        found.append(make_vertex(power, seen, scatter))
     for k, index in enumerate(beam_paths.rough):
         sides = (
             (beams.arriving[index], None if moved is None else moved.arriving[index], 0),
@@ -104,7 +105,7 @@ def list_vertices_of(
         for weight, boundary in change.variation.base:
             if boundary.orders_reflected and weight:
                 reflect = make_base_reflector(boundary, media, into, sights, azimuths)
-                found.append(Vertex(weight * lit * (light @ columns), escapes[:, :, :, -1], reflect))
+                found.append(make_vertex(weight * lit * (light @ columns), escapes[:, :, :, -1], reflect))
     return found
 
 
@@ -115,7 +116,7 @@ def change_scatterer(beam_paths: BeamPaths, change: Change, k: int, way: int) ->
     own, deeper = change.layers[layer], float(change.pieces[k])
     index, length, gain = 1 + layer, float(beam_paths.cut.thickness[k]), float(problem.gain[layer])
     mu_in, mu_out = (np.where(mu > 0.0, mu, 1.0) for mu in (beam_paths.into[index], beam_paths.sights.cosines[index]))
-    path = integrate_slab_paths(length, mu_in, mu_out)[way].T
+    path = integrate_slab_paths(np.array([length]), mu_in, mu_out)[way, 0]
     found = []
     strength = own.gain * path
     if deeper:

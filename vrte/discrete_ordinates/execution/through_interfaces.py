@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vrte.basics.arrays import Array, IntArray
+from vrte.basics.memory import BYTES, PIECE_BYTES
 from vrte.basics.polarization import FLIP
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.beam_paths import list_sources
@@ -14,7 +15,6 @@ from vrte.discrete_ordinates.orders.media import (
     Cut,
     Media,
     Sights,
-    cut_pieces,
     find_beams,
     find_escapes,
     find_rough_places,
@@ -32,22 +32,28 @@ Scatter = Callable[[int, int], Array]
 
 @dataclass(frozen=True, eq=False)
 class Vertex:
-    """Where light changes its direction once: power (n_in, 4, n_col) of the beam there, through a horizontal plane;
-    escapes (n_tau, n_out, 4, 4): what is seen of what it sends out; scatter(first, last): radiance (n_in, n_sight,
-    n_phi, 4, 4), over the square of the refractive index, for unit power along the incident directions first .. last -
-    1."""
+    """Where light changes its direction once: power (source, n_in, 4, n_col) of beams there, through a horizontal
+    plane; escapes (n_tau, n_out, 4, source, 4): what is seen of what is sent out; scatter(first, last): radiance
+    (piece, n_in, n_sight, n_phi, 4, 4), over the square of the refractive index, for unit power along the incident
+    directions first .. last - 1; of (source,): the piece that scatters."""
 
     power: Array
     escapes: Array
     scatter: Scatter
+    of: IntArray
     is_surface: bool = False
+
+
+def make_vertex(power: Array, escapes: Array, scatter: Scatter, is_surface: bool = False) -> Vertex:
+    """Of one source: power (n_in, 4, n_col), escapes (n_tau, n_out, 4, 4)."""
+    return Vertex(power[None], escapes[:, :, :, None], scatter, np.zeros(1, np.int32), is_surface)
 
 
 def list_vertices(problem: Problem, base: Boundary, azimuths: Azimuths, run: Run) -> tuple[Sights, list[Vertex]]:
     """All of a problem, and the directions they are seen along."""
     media = problem.media
     assert media is not None
-    cut = cut_pieces(media.depths, problem.thickness, problem.level)
+    cut = media.cut(problem.thickness, problem.level)
     into, beams = find_beams(media, cut, problem.mu0)
     sights = list_sights(media, problem.mu_out)
     rough = find_rough_places(media, cut)
@@ -55,16 +61,15 @@ def list_vertices(problem: Problem, base: Boundary, azimuths: Azimuths, run: Run
     escapes = find_escapes(media, cut, sights, problem.n_up, list(ALL), np.array(sources))
     lit, columns = problem.mu0[:, None, None], problem.columns.T
     found = []
-    for k, layer in enumerate(cut.layer.tolist()):
-        if problem.gain[layer] == 0.0:
-            continue
-        ways = ((beams.entering[k], 0), (beams.leaving[k + 1], 1))
-        for beam, below in ways:
-            for end in range(2):
-                seen = escapes[:, :, :, 2 * k + end]
-                if beam.any() and seen.any():
-                    scatter = make_scatterer(problem, media, cut, k, into, sights, azimuths, int(end != below), run)
-                    found.append(Vertex(lit * (beam @ columns), seen, scatter))
+    for pieces in group_pieces(problem, media, cut, problem.mu0.size * sights.cosines.shape[1] * azimuths.phi.size):
+        for way in range(2):  # light from above goes on at that end, light from below at the other
+            ends = ((beams.entering[pieces], 2 * pieces + way), (beams.leaving[pieces + 1], 2 * pieces + 1 - way))
+            lights = [(light, source) for light, source in ends if light.any() and escapes[:, :, :, source].any()]
+            if lights:
+                power, source = (np.concatenate(parts) for parts in zip(*lights, strict=True))
+                scatter = make_scatterer(problem, media, cut, pieces, into, sights, azimuths, way, run)
+                of = np.arange(source.size, dtype=np.int32) % pieces.size
+                found.append(Vertex(lit * (power @ columns), escapes[:, :, :, source], scatter, of))
     for k, index in enumerate(rough):
         for light, side in ((beams.arriving[index], 0), (beams.rising[index], 1)):
             for transmitted in (False, True):
@@ -72,10 +77,10 @@ def list_vertices(problem: Problem, base: Boundary, azimuths: Azimuths, run: Run
                 if light.any() and seen.any():
                     number = int(cut.interface[index])
                     scatter = make_facet_scatterer(media, number, side, transmitted, into, sights, azimuths)
-                    found.append(Vertex(lit * (light @ columns), seen, scatter, is_surface=True))
+                    found.append(make_vertex(lit * (light @ columns), seen, scatter, is_surface=True))
     if base.orders_reflected and beams.arriving[-1].any():
         found.append(
-            Vertex(
+            make_vertex(
                 lit * (beams.arriving[-1] @ columns),
                 escapes[:, :, :, -1],
                 make_base_reflector(base, media, into, sights, azimuths),
@@ -84,11 +89,27 @@ def list_vertices(problem: Problem, base: Boundary, azimuths: Azimuths, run: Run
     return sights, found
 
 
+def group_pieces(problem: Problem, media: Media, cut: Cut, size: int) -> list[IntArray]:
+    """Pieces that scatter, those of one medium and of as many terms together, as many as fit: ``size`` Mueller matrices
+    each."""
+    groups: dict[tuple[float, int], list[int]] = {}
+    for k, layer in enumerate(cut.layer.tolist()):
+        if problem.gain[layer] != 0.0:
+            terms = len(media.scene.layers[layer].phase_matrix.series)
+            groups.setdefault((media.scene.indices[layer], terms), []).append(k)
+    step = max(1, int(PIECE_BYTES / (16 * BYTES * max(1, size))))
+    return [
+        np.array(every[first : first + step], np.int32)
+        for every in groups.values()
+        for first in range(0, len(every), step)
+    ]
+
+
 def make_scatterer(
     problem: Problem,
     media: Media,
     cut: Cut,
-    k: int,
+    pieces: IntArray,
     into: Array,
     sights: Sights,
     azimuths: Azimuths,
@@ -97,28 +118,28 @@ def make_scatterer(
     table: Array | None = None,
     path: Array | None = None,
 ) -> Scatter:
-    """Of a piece, for light reflected (way 0) or let through (1); or of another table of a phase matrix, with ``path``
-    (n_in, n_sight) in the place of gain times path."""
-    layer, index = int(cut.layer[k]), media.scene.media[1 + int(cut.layer[k])]
-    place = 1 + layer
+    """Of pieces in one medium, for light reflected (way 0) or let through (1); or of another table of a phase matrix,
+    with ``path`` (piece, n_in, n_sight) in the place of gain times path."""
+    layers = cut.layer[pieces]
+    place, index = 1 + layers[0], media.scene.media[1 + layers[0]]
     if table is None:
-        table = media.scene.layers[layer].phase_matrix.series
+        table = np.concatenate([media.scene.layers[layer].phase_matrix.series for layer in layers.tolist()])
     lit, out = into[place] > 0.0, sights.cosines[place] > 0.0
     mu_in = np.where(lit, into[place], 1.0)
     mu_out = np.where(out, sights.cosines[place], 1.0)
     if path is None:
-        path = problem.gain[layer] * integrate_slab_paths(float(cut.thickness[k]), mu_in, mu_out)[way].T
-    weighted = np.ascontiguousarray(path * (lit[:, None] & out) / (4.0 * np.pi * index**2 * mu_in[:, None]))
+        path = integrate_slab_paths(cut.thickness[pieces], mu_in, mu_out)[way] * problem.gain[layers, None, None]
+    weighted = path * (lit[:, None] & out) / (4.0 * np.pi * index**2 * mu_in[:, None])
     signed = -mu_out if way else mu_out
     cosine, sine = compute_cos_sin(azimuths.distinct)
 
     def scatter(first: int, last: int) -> Array:
-        found = np.zeros((1, last - first, mu_out.size, azimuths.phi.size, 4, 4))
+        found = np.zeros((pieces.size, last - first, mu_out.size, azimuths.phi.size, 4, 4))
         with run.timed("single scattering") as crew:
             run.kernels.add_single_scattering(
                 crew,
                 table=table,
-                path=weighted[None, first:last],
+                path=np.ascontiguousarray(weighted[:, first:last]),
                 mu0=np.ascontiguousarray(mu_in[first:last]),
                 mu=signed,
                 cos_phi=cosine,
@@ -131,8 +152,9 @@ def make_scatterer(
                 first=0,
                 last=last - first,
                 out=found,
+                slab_stacks=pieces.size,
             )
-        return found[0] if way else FLIP[:, None] * found[0]
+        return found if way else FLIP[:, None] * found
 
     return scatter
 
@@ -152,7 +174,7 @@ def make_facet_scatterer(
         given = mu_in[first:last, None, None], mu_out[:, None], azimuths.phi
         found = surface.transmit(*given) if transmitted else FLIP[:, None] * surface.reflect(*given)
         found = found * (lit[first:last, None] & out)[..., None, None, None]
-        return found / media.scene.media[there] ** 2
+        return np.asarray(found / media.scene.media[there] ** 2)[None]
 
     return scatter
 
@@ -168,7 +190,7 @@ def make_base_reflector(base: Boundary, media: Media, into: Array, sights: Sight
         found = np.zeros((last - first, mu_out.size, azimuths.phi.size, 4, 4))
         found[..., : f.shape[-2], : f.shape[-1]] = f
         found *= (lit[first:last, None] & out)[..., None, None, None] / index**2
-        return FLIP[:, None] * found
+        return FLIP[:, None] * found[None]
 
     return scatter
 
@@ -177,19 +199,20 @@ def show_vertices(
     sights: Sights, vertices: list[Vertex], n_up: int, levels: IntArray, rows: IntArray, first: int, last: int
 ) -> Iterator[tuple[int, Array]]:
     """What is seen at each level from the incident directions first .. last - 1: (n_in, n_row, n_phi, 4, n_col)."""
-    flip = np.where((rows < n_up)[:, None], FLIP, 1.0)
+    flip = np.where((rows < n_up)[:, None], FLIP, 1.0)[:, :, None, None]
     for vertex in vertices:
         scattered = vertex.scatter(first, last)
+        flat = scattered.reshape(*scattered.shape[:2], -1, 4)
+        flat = flat if vertex.of.size == len(flat) else flat[vertex.of]
+        light = flat @ vertex.power[:, first:last]  # few large products, not many of 4 x 4
+        light = light.reshape(len(flat), *scattered.shape[1:5], -1)
         for t, level in enumerate(levels.tolist()):
-            escape = flip[:, :, None] * vertex.escapes[level, rows] * sights.index[level] ** 2
+            escape = flip * vertex.escapes[level, rows] * sights.index[level] ** 2
             if escape.any():
-                light = scattered[:, sights.place[level, rows]]
-                n_in, n_row, n_phi = light.shape[:3]
-                light = light.reshape(n_in, -1, 4) @ vertex.power[first:last]  # few large products, not many of 4 x 4
-                columns = light.shape[-1]
-                light = light.reshape(n_in, n_row, n_phi, 4, columns).transpose(1, 3, 0, 2, 4)
-                seen = (escape @ light.reshape(n_row, 4, -1)).reshape(n_row, 4, n_in, n_phi, columns)
-                yield t, seen.transpose(2, 0, 3, 1, 4)
+                seen = light[:, :, sights.place[level, rows]].transpose(2, 0, 4, 1, 3, 5)
+                shape = rows.size, 4, *seen.shape[3:]
+                seen = escape.reshape(rows.size, 4, -1) @ seen.reshape(rows.size, 4 * len(flat), -1)
+                yield t, seen.reshape(shape).transpose(2, 0, 3, 1, 4)
 
 
 def find_rough_reflection(scene: Scene, mu_i: Array, mu_o: Array, phi: Array, run: Run) -> Array:

@@ -13,7 +13,6 @@ from vrte.discrete_ordinates.orders.media import (
     LEAVING,
     RISING,
     Cut,
-    cut_pieces,
     find_beams,
     find_escapes,
     find_rough_places,
@@ -31,7 +30,7 @@ class BeamPaths:
     def __init__(self, problem: Problem, base: Boundary, n_order: int, accuracy: float) -> None:
         assert problem.media is not None
         self.problem, self.media = problem, problem.media
-        self.cut = cut_pieces(self.media.depths, problem.thickness, problem.level)
+        self.cut = self.media.cut(problem.thickness, problem.level)
         self.sights = list_sights(self.media, problem.mu_out)
         self.into, beams = find_beams(self.media, self.cut, problem.mu0)
         # power per unit flux of the beam that comes in, (piece, n_in, S, n_col), down at the top and up at the bottom

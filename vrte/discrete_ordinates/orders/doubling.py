@@ -84,7 +84,7 @@ class Doubling:
         matrices = assemble(slab_stack.problem, orders, run)
         slabs = double_slabs(slab_stack.problem, slab_stack.material, slab_stack.thickness, orders, matrices, run)
         kernels, up, down, residual = join_stack(slab_stack, orders, slabs, self.base, run)
-        worst = slabs.residual.max(axis=1)
+        worst = slabs.residual.max(axis=1, initial=0.0)  # there may be no slab
         residuals = {
             "residual_of_reflection": worst[:, 0],
             "residual_of_transmission": worst[:, 1],

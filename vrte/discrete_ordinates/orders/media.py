@@ -50,6 +50,10 @@ class Media:
         """The scene's interfaces along directions (medium, n)."""
         return self.find_once(lambda: make_interfaces(self.scene, cosines), "interfaces", cosines)
 
+    def cut(self, thickness: Array, level: Array) -> "Cut":
+        """The layers of that ``thickness`` (layer,) cut at the depths inside them, ``level`` (n_tau,)."""
+        return self.find_once(lambda: cut_pieces(self.depths, thickness, level), "cut", thickness, level)
+
     @cached_property
     def cosines(self) -> Array:
         """Of the nodes in every medium, (medium, N); 0 where there is none."""

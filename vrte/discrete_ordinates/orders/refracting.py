@@ -98,9 +98,10 @@ class Refracting(BeamPaths):
         interfaces = self.media.interfaces_along(self.media.cosines)
         members, scene = np.ix_(self.problem.stokes, self.problem.stokes), self.media.scene
         found: list[Array | None] = []
+        rough = self.rough
         for index, at in enumerate(self.cut.interface.tolist()):
             is_base = at == len(scene.layers) and scene.base is not None
-            if at < 0 or index in self.rough or (scene.interfaces[at] is None and not is_base):
+            if at < 0 or index in rough or (scene.interfaces[at] is None and not is_base):
                 found.append(None)
                 continue
             parts = np.stack([part[at][:, members[0], members[1]] for part in vars(interfaces).values()])

@@ -69,21 +69,22 @@ def integrate_paths(problem: Problem, levels: IntArray, mu: Array) -> Array:
     )
 
 
-def integrate_slab_paths(thickness: float, mu_in: Array, mu_out: Array) -> Array:
-    """The same of one slab, for light going down mu_in (n_in,): up at its top and down at its bottom, along mu_out
-    (n_out,), (2, n_out, n_in)."""
-    ends = np.array([0.0, thickness])[: 1 + math.isfinite(thickness)]
-    found = np.zeros((2, mu_out.size, mu_in.size))
-    for way, level in enumerate(ends.tolist()):
+def integrate_slab_paths(thickness: Array, mu_in: Array, mu_out: Array) -> Array:
+    """The same of slabs (slab,), for light going down mu_in (n_in,): up at their tops and down at their bottoms, along
+    mu_out (n_out,), (2, slab, n_in, n_out)."""
+    ends = np.stack([np.zeros(thickness.size), np.where(np.isfinite(thickness), thickness, 0.0)], axis=1).ravel()
+    found = np.empty((2, thickness.size, mu_in.size, mu_out.size))
+    for way in range(2):
         found[way] = _core.path_integrals(
-            above=np.zeros(1),
-            thickness=np.array([thickness]),
-            level=np.array([level]),
-            level_layer=np.zeros(1, np.int32),
-            chosen=np.zeros(1, np.int32),
+            above=np.zeros(thickness.size),
+            thickness=thickness,
+            level=ends,
+            level_layer=np.zeros(2, np.int32),
+            chosen=np.array([way], np.int32),
             mu0=np.ascontiguousarray(mu_in),
             mu=-mu_out if way else np.ascontiguousarray(mu_out),
-        )[0, 0].T
+            slab_stacks=thickness.size,
+        )[:, 0]
     return found
 
 

@@ -52,7 +52,7 @@ def respond_by_doubling(problem: Problem, material: IntArray, thickness: Array, 
     ends = np.cumsum([rows * columns for rows, columns in shapes])
     both = np.stack([slabs.R, slabs.T]).transpose(2, 1, 0, 3)
     nodes, entering, leaving, passing = (
-        np.ascontiguousarray(part).reshape(*both.shape[:3], *shape).swapaxes(-1, -2)
+        part.reshape(*both.shape[:3], *shape).swapaxes(-1, -2)
         for part, shape in zip(np.split(both[..., : ends[-1]], ends[:-1], axis=-1), shapes, strict=True)
     )
     if problem.conserves and orders[0] == 0:  # back from the frame in which one axis carries the flux

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vrte.basics.arrays import Array, BoolArray
-from vrte.discrete_ordinates.orders.media import cut_pieces, find_beams
+from vrte.discrete_ordinates.orders.media import find_beams
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.optics.truncation import Truncated, find_peak_fraction, has_polarized_peak, truncate_layer
 from vrte.scene.beams import find_direct_light
@@ -135,7 +135,7 @@ def find_peak_flux(problem: Problem, tau: Array) -> Array:
         return found
     if problem.media is not None:
         scene, depths = problem.media.scene, problem.media.depths
-        cut = cut_pieces(depths, problem.thickness, problem.level)
+        cut = problem.media.cut(problem.thickness, problem.level)
         _, beams = find_beams(problem.media, cut, problem.mu0)
         for t, (interface, under) in enumerate(zip(cut.at.tolist(), depths.under.tolist(), strict=True)):
             parts = (beams.rising, beams.entering) if under else (beams.leaving, beams.arriving)
