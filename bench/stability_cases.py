@@ -262,7 +262,8 @@ def find_critical_cosine(media: tuple[float, ...]) -> float:
 
 
 def find_eigen_cosine(slab: Slab, nodes: int) -> float:
-    """1/k of the mode of order 0 that lies in (0.05, 1) farthest from every node; 0.5 where there is none.
+    """1/k of the mode of order 0 that lies in (0.05, 1) farthest from every node, to nine digits, the lowest of equal
+    ones; 0.5 where there is none.
 
     >>> 0.05 < find_eigen_cosine(Slab("rayleigh", 0.9, 1.0), 8) < 1.0
     True
@@ -284,7 +285,7 @@ def find_eigen_cosine(slab: Slab, nodes: int) -> float:
     cosines = np.sort(cosines[(cosines > 0.05) & (cosines < 0.9999)])
     if cosines.size == 0:
         return 0.5
-    return float(cosines[np.abs(cosines[:, None] - mu).min(axis=1).argmax()])
+    return float(cosines[np.abs(cosines[:, None] - mu).min(axis=1).round(9).argmax()])
 
 
 def arrange_slabs(phase: str, albedo: float, thickness: float, layering: str) -> tuple[tuple[Slab, ...], int]:

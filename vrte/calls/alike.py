@@ -106,7 +106,7 @@ def solve_batch(requests: Sequence[Request], indices: list[int], run: Run) -> di
     white &= (plan.problem.albedo.reshape(count, -1) == 1.0).all(axis=1)
     lost = np.where(white[:, None], np.abs(1.0 - reflectance), reflectance - 1.0).max(axis=1)
     solved = fits & (lost <= max(asked.accuracy, ROUNDING))  # not where it is no number
-    residuals = {name: found.diagnostics[name] for name in sorted(Modes.allowed)}
+    residuals = {name: np.atleast_1d(found.diagnostics[name]) for name in sorted(Modes.allowed)}
     for name, values in residuals.items():
         solved &= values <= Modes.allowed[name]
     for values in (*parts, reflectance):
