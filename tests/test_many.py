@@ -10,6 +10,8 @@ import pytest
 import vrte
 from vrte.basics.errors import SceneError
 from vrte.calls import alike
+from vrte.calls.plan import make_request
+from vrte.calls.side_by_side import solve_side_by_side
 from vrte.cli import main
 from vrte.formats import load
 
@@ -69,6 +71,36 @@ def test_each_is_as_by_itself_whatever_threads_and_batches(monkeypatch):
     again = vrte.brdfs(scenes, MU, MU, PHI, nodes=8, threads=2)
     for one, other in zip(together, again, strict=False):
         assert np.array_equal(one.mueller, other.mueller)
+
+
+def make_films(base=None):
+    """Under one smooth surface: thin and thick, white and absorbing, with a forward peak that few nodes cut."""
+    peaked = vrte.henyey_greenstein(0.7)
+    parts = [(vrte.rayleigh(), 1.0, 0.7), (vrte.rayleigh(0.1), 0.6, 1.3), (peaked, 0.9, 2.0), (peaked, 1.0, 40.0)]
+    return [vrte.Scene([vrte.Interface(1.0, 1.5), layer(*part)], base) for part in parts]
+
+
+@pytest.mark.parametrize("base", [None, vrte.Lambertian(0.3), vrte.Lambertian(1.0)])
+def test_films_under_a_smooth_surface_are_solved_together(base):
+    """As by themselves, but for rounding: fields of fluxes and along the normal, which few orders take."""
+    films = make_films(base)
+    for mu0, mu in ((MU, []), (1.0, MU.tolist()), (1.0, [])):
+        requests = [make_request("radiance", film, mu0, mu=mu, phi=PHI, **HOW) for film in films]
+        for film, found in zip(films, solve_side_by_side(requests), strict=True):
+            alone = vrte.radiance(film, np.atleast_1d(mu0), mu=mu, phi=PHI, **HOW)
+            for name in ("stokes", "flux_up", "flux_down", "direct_up"):
+                assert_close(getattr(found, name), getattr(alone, name), rtol=1e-14, atol=1e-16)
+            assert found.diagnostics["solved_together"] > 1
+
+
+def test_films_under_other_surfaces_are_solved_by_themselves():
+    mirror = vrte.Mirror(0.2 + 3.0j)
+    rough, between = vrte.Interface(1.0, 1.5, roughness=0.3), vrte.Interface(1.5, 1.3)
+    others = [vrte.Scene([vrte.Interface(1.0, 1.5), layer()], mirror), vrte.Scene([rough, layer()])]
+    others += [vrte.Scene([vrte.Interface(1.0, 1.5), layer(), between, layer()])]
+    assert not alike.sort_into_batches([make_request("radiance", one, MU, mu=[], nodes=4) for one in 2 * others])
+    below = {"side": "below", "nodes": 4}
+    assert not alike.sort_into_batches([make_request("radiance", one, MU, mu=[], **below) for one in make_films()])
 
 
 @pytest.mark.parametrize("truncation", ["auto", "delta-m", "none"])

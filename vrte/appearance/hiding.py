@@ -9,7 +9,7 @@ readings.
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -123,13 +123,20 @@ class Drawdown:
 
     def read(self, times: float, albedo: float) -> Array:
         """The reflectance factor (wavelength,) of a film so many times as thick over a Lambertian base."""
-        if (times, albedo) not in self.spectra:
-            film = self.panel.put_over(Lambertian(albedo))
-            film = film if times == 1.0 else film.scale_film(times)
+        self.solve([(times, albedo)])
+        return self.spectra[times, albedo]
+
+    def solve(self, pairs: Iterable[tuple[float, float]]) -> None:
+        """Films of other thicknesses and albedos below, (times, albedo) each, in one call."""
+        if new := [pair for pair in dict.fromkeys(pairs) if pair not in self.spectra]:
+            films = [self.panel.put_over(Lambertian(albedo)) for _, albedo in new]
+            films = [
+                film if pair[0] == 1.0 else film.scale_film(pair[0]) for pair, film in zip(new, films, strict=True)
+            ]
             known = len(self.spectra) < self.expected  # a guess; beyond it nothing is reported until the end
             part = share_progress(self.progress, len(self.spectra), self.expected) if known else None
-            self.spectra[times, albedo] = measure_panel(film, self.conditions.geometry, part)
-        return self.spectra[times, albedo]
+            found = measure_panel(films[0].join(films[1:]), self.conditions.geometry, part)
+            self.spectra.update(zip(new, found.reshape(len(new), -1), strict=True))
 
     def find_luminance(self, times: float, albedo: float) -> float:
         """Y of such a film, where the perfect white has 1."""
@@ -137,13 +144,26 @@ class Drawdown:
 
     def measure(self, times: float) -> tuple[float, float]:
         """Y over both cards; where a thinner film hides the cards, that of the thickest such film, without a solve."""
-        if times not in self.luminances:
-            thinner = {thin: pair for thin, pair in self.luminances.items() if thin < times}
-            hides = [thin for thin, (black, white) in thinner.items() if abs(white - black) < HIDDEN * white]
-            cards = self.conditions.black, self.conditions.white
-            black, white = thinner[max(hides)] if hides else (self.find_luminance(times, card) for card in cards)
-            self.luminances[times] = black, white
+        self.measure_all([times])
         return self.luminances[times]
+
+    def measure_all(self, times: Iterable[float]) -> list[tuple[float, float]]:
+        """The same of several, those that have to be solved for in one call."""
+        wanted = [*times]
+        new = [each for each in wanted if each not in self.luminances and self._find_hiding_below(each) is None]
+        cards = self.conditions.black, self.conditions.white
+        self.solve(itertools.product(new, cards))
+        for each in sorted(set(wanted) - set(self.luminances)):
+            hides = self._find_hiding_below(each)
+            black, white = hides or (self.find_luminance(each, card) for card in cards)
+            self.luminances[each] = black, white
+        return [self.luminances[each] for each in wanted]
+
+    def _find_hiding_below(self, times: float) -> tuple[float, float] | None:
+        """Y over both cards of the thickest thinner film that hides them, None where none is known."""
+        thinner = {thin: pair for thin, pair in self.luminances.items() if thin < times}
+        hides = [thin for thin, (black, white) in thinner.items() if abs(white - black) < HIDDEN * white]
+        return thinner[max(hides)] if hides else None
 
     def find_contrast(self, times: float) -> float:
         """The contrast ratio at a thickness."""
@@ -325,6 +345,7 @@ def find_hiding(panel: Panel, conditions: Conditions | None = None, progress: Pr
         how = "semi-infinite, and hides everything" if thickness > 0.0 else "without thickness"
         raise SceneError(f"hiding: the film is {how}: give it a thickness to begin with, above 0 and not inf", "layer")
     drawdown = Drawdown(panel, conditions or Conditions(), progress)
+    drawdown.solve([(math.inf, 0.0), (1.0, 0.0), (1.0, 0.5), (1.0, 1.0)])
     semi_infinite = drawdown.read(math.inf, 0.0)
     even = fit_lambertian_bases(*(drawdown.read(1.0, albedo) for albedo in (0.0, 0.5, 1.0)))
     seen, weights = drawdown.conditions, drawdown.weights
@@ -332,7 +353,7 @@ def find_hiding(panel: Panel, conditions: Conditions | None = None, progress: Pr
     drawdown.luminances[1.0] = dark, light
     hiding, reason = drawdown.find_hiding_times()
     times = drawdown.list_curve(hiding or 1.0)
-    curve = np.array([drawdown.measure(each) for each in times])
+    curve = np.array(drawdown.measure_all(times))
     if progress is not None:
         progress(len(drawdown.spectra), len(drawdown.spectra))
     known = seen, panel.wavelength_um, even, semi_infinite

@@ -96,6 +96,12 @@ class Panel:
         directions: the most of the first, a middle and the last wavelength. Raises SceneError."""
         return find_finest_nodes(self.pick(self.ends_and_middle).light(mu_i, mu_o, phi))
 
+    def join(self, others: Sequence["Panel"]) -> "Panel":
+        """This panel's wavelengths, then those of others that are solved alike: for one call."""
+        scenes = (scene for panel in (self, *others) for scene in panel.scenes)
+        at = np.concatenate([panel.wavelength_um for panel in (self, *others)])
+        return replace(self, wavelength_um=at, scenes=tuple(scenes))
+
     def put_over(self, base: Boundary | None) -> "Panel":
         """The same panel over another base; None is black."""
         return replace(self, scenes=tuple(replace(scene, base=base) for scene in self.scenes))
@@ -147,18 +153,19 @@ class Panel:
         return self.solve_as("radiance", progress, mu0=np.atleast_1d(mu_i), mu=list(np.atleast_1d(mu_o)), phi=phi)
 
     def solve_as(self, kind: str, progress: Progress | None = None, **directions: Any) -> tuple[Any, ...]:
-        """What `vrte.brdf` or `vrte.radiance` finds at all wavelengths, side by side on the cores; the nodes that the
-        first, the last and a middle one take serve all. ``progress`` gets (wavelengths done, wavelengths)."""
+        """What `vrte.brdf` or `vrte.radiance` finds at all wavelengths, side by side on the cores; nodes that are not
+        given are those that the first, the last and a middle one take. ``progress`` gets (wavelengths done,
+        wavelengths)."""
         count = len(self)
-        looked_at = self.ends_and_middle
+        looked_at = [] if "nodes" in self.asked else self.ends_and_middle
         rest = [index for index in range(count) if index not in looked_at]
         requests = {index: self._ask(kind, index, **directions, **self.asked) for index in looked_at}
         part = progress and (lambda done, total: progress(done, count))
         found = dict(zip(looked_at, solve_side_by_side(list(requests.values()), part), strict=True))
         if rest:
-            fixed = find_finest_nodes(found.values()) if "accuracy" in self.asked else {}
+            fixed = find_finest_nodes(found.values()) if looked_at and "accuracy" in self.asked else {}
             others = [self._ask(kind, index, **directions, **{**self.asked, **fixed}) for index in rest]
-            words = f"the other {len(rest)} wavelengths"
+            words = f"the other {len(rest)} wavelengths" if looked_at else f"{len(rest)} wavelengths"
             if not is_shared():  # who shares the cores has warned of all of it
                 warn_runtime_of_all(len(rest), lambda index: (others[index], 0.0), words, workers=count_usable_cpus())
             part = progress and (lambda done, total: progress(done + len(looked_at), count))

@@ -11,17 +11,26 @@ from vrte.basics.arrays import Array, make_readonly, replace_unchecked
 from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.running import Progress, Run, run_interruptible, run_jobs
 from vrte.calls.energy import ROUNDING
+from vrte.calls.radiance import make_field
 from vrte.discrete_ordinates.execution.carry_out import carry_out
 from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR
 from vrte.discrete_ordinates.orders.modes import Modes
 from vrte.discrete_ordinates.orders.truncating import count_terms_carried
-from vrte.discrete_ordinates.planning.batch_plan import BatchKey, estimate_bytes, find_batch_key, is_shared_request
+from vrte.discrete_ordinates.planning.batch_plan import (
+    BatchKey,
+    count_orders_at_most,
+    estimate_bytes,
+    find_batch_key,
+    is_shared_request,
+)
 from vrte.discrete_ordinates.planning.blocks import Block
 from vrte.discrete_ordinates.planning.plan import plan_request, plan_scenes
 from vrte.methods import make_run
 from vrte.methods.discrete_ordinates import warn_of_negative
 from vrte.request.request import Request
 from vrte.results.brdf import Brdf, make_readonly_brdf
+from vrte.results.solution import Solution
+from vrte.scene.beams import find_direct_light, locate_depths
 from vrte.scene.scene import Scene
 
 BATCH_BYTES = 16e6  # of what is worked with for the scenes that are solved in one go, by each thread
@@ -83,13 +92,14 @@ def sort_into_batches(requests: Sequence[Request]) -> list[list[int]]:
     batches = []
     for key, indices in alike.items():
         terms = max(layer.phase_matrix.terms for index in indices for layer in requests[index].scene.layers)
-        step = max(FEWEST, int(BATCH_BYTES / estimate_bytes(first, key, min(terms, 2 * first.nodes))))
+        orders = count_orders_at_most(first, min(terms, 2 * first.nodes))
+        step = max(FEWEST, int(BATCH_BYTES / estimate_bytes(first, key, orders)))
         if len(indices) >= FEWEST:
             batches += [indices[k : k + step] for k in range(0, len(indices), step)]
     return batches
 
 
-def solve_batch(requests: Sequence[Request], indices: list[int], run: Run) -> dict[int, Brdf]:
+def solve_batch(requests: Sequence[Request], indices: list[int], run: Run) -> dict[int, Any]:
     """Those of one batch that its plan stands for, and that came out right; others are solved by themselves, which says
     why."""
     begin, own = time.perf_counter(), replace_unchecked(run, stages={})
@@ -101,24 +111,34 @@ def solve_batch(requests: Sequence[Request], indices: list[int], run: Run) -> di
     for name, clock in own.stages.items():
         run.record(name, clock["wall_seconds"], clock["thread_seconds"])
     count, levels, parts = len(scenes), asked.tau.size, [make_readonly(values) for values in found.parts]
-    reflectance = make_readonly(found.flux_up[::levels, :, 0] / asked.mu0)
+    reflectance = make_readonly(found.flux_up[::levels, :, 0] / (asked.mu0 * asked.columns[0, 0]))
     white = np.array([scene.below.even_albedo == 1.0 for scene in scenes])
     white &= (plan.problem.albedo.reshape(count, -1) == 1.0).all(axis=1)
-    lost = np.where(white[:, None], np.abs(1.0 - reflectance), reflectance - 1.0).max(axis=1)
+    total = reflectance + find_mirrored(asked)
+    lost = np.where(white[:, None], np.abs(1.0 - total), total - 1.0).max(axis=1)
     solved = fits & (lost <= max(asked.accuracy, ROUNDING))  # not where it is no number
     residuals = {name: np.atleast_1d(found.diagnostics[name]) for name in sorted(Modes.allowed)}
     for name, values in residuals.items():
         solved &= values <= Modes.allowed[name]
     for values in (*parts, reflectance):
         solved &= np.isfinite(values.reshape(count, -1).sum(axis=1))
-    carried = count_terms_carried(scenes[0], plan.problem.nodes.size)
-    for k in np.flatnonzero(solved).tolist():
-        if max(layer.phase_matrix.terms for layer in scenes[k].layers) > carried:
-            warn_of_negative(asked, parts[0][k][..., 0, 0], {"terms_cut": True, "nodes": plan.problem.nodes.size})
     # each scene's fraction of the seconds of all
     spent = {name: {clock: all_of / count for clock, all_of in each.items()} for name, each in own.stages.items()}
     wall = (time.perf_counter() - begin) / count
     shared = {"solved_together": count, "stages": spent, "wall_seconds": wall}
+    right = np.flatnonzero(solved).tolist()
+    if asked.kind != "brdf":
+        results = {}
+        for k in right:
+            told = {name: float(values[k]) for name, values in residuals.items()}
+            up, down = found.flux_up[k : k + 1], found.flux_down[k : k + 1]
+            light = Solution([part[k : k + 1] for part in parts], up, down, found.diagnostics | told | shared)
+            results[indices[k]] = make_field(requests[indices[k]], plan.mu, light)
+        return results
+    carried = count_terms_carried(scenes[0], plan.problem.nodes.size)
+    for k in right:
+        if max(layer.phase_matrix.terms for layer in scenes[k].layers) > carried:
+            warn_of_negative(asked, parts[0][k][..., 0, 0], {"terms_cut": True, "nodes": plan.problem.nodes.size})
     through = make_readonly(np.exp(-np.array([[scene.thickness] for scene in scenes]) / asked.mu0))
     mu_o = make_readonly(plan.mu[plan.mu > 0.0])
     return {
@@ -132,8 +152,16 @@ def solve_batch(requests: Sequence[Request], indices: list[int], run: Run) -> di
             transmission=parts[1][k] if levels > 1 else None,
             direct_transmittance=through[k],
         )
-        for k in np.flatnonzero(solved).tolist()
+        for k in right
     }
+
+
+def find_mirrored(request: Request) -> Array:
+    """The share (n_in,) of unpolarized beams that a surface on top mirrors."""
+    scene, top = request.scene, np.zeros(1)
+    if not scene.has_interfaces:
+        return np.zeros(request.mu0.size)
+    return find_direct_light(scene, request.mu0, locate_depths(scene, top, top > 0.0))[0, :, 0, 0, 0]
 
 
 def describe_solve(

@@ -12,7 +12,8 @@ import numpy as np
 
 from vrte.basics.arrays import IntArray
 from vrte.basics.blas import keep_to_one_thread
-from vrte.basics.running import Progress, count_usable_cpus
+from vrte.basics.running import Progress, Run, count_usable_cpus
+from vrte.calls.alike import solve_batch, sort_into_batches
 from vrte.calls.brdf import make_brdf
 from vrte.calls.radiance import make_field
 from vrte.methods import make_run, solve_request
@@ -95,16 +96,49 @@ def run_side_by_side(
 
 
 def solve_side_by_side(requests: Sequence[Request], progress: Progress | None = None) -> list[Any]:
-    """A Brdf or a Field, by their kind, of requests of one thread each, their methods named; how long they take was
-    said."""
+    """A Brdf or a Field, by their kind, of requests of one thread each that differ in their scenes alone, their methods
+    named: scenes that are alike together; how long they take was said."""
     share = _share.get()
     stop = share.stop if share else np.zeros(1, np.int32)
+    cores = share.cores if share else count_usable_cpus()
+    found: dict[int, Any] = {}
 
-    def solve(request: Request) -> Brdf | Field:
-        run = make_run(request)
+    def start() -> Run:
+        run = make_run(requests[0])
         run.stop, run.runtime_warned = stop, True
-        mu, solution = solve_request(request, run)
-        return make_brdf(request, solution) if request.kind == "brdf" else make_field(request, mu, solution)
+        return run
 
-    calls = [partial(solve, request) for request in requests]
-    return run_side_by_side(calls, progress, stop=None if share else stop)  # a flag of several stops none of the others
+    def solve(indices: list[int]) -> dict[int, Any]:
+        if len(indices) > 1:
+            with keep_to_one_thread():
+                return solve_batch(requests, indices, start())
+        return {index: solve_one(requests[index], start()) for index in indices}
+
+    def report(done: int, total: int) -> None:
+        if progress is not None:
+            progress(len(found), len(requests))
+
+    def perform(jobs: list[list[int]]) -> None:
+        calls = [partial(lambda job: found.update(solve(job)), job) for job in jobs]
+        run_side_by_side(calls, report, stop=None if share else stop)  # a flag of several stops none of the others
+
+    batches = [part for batch in sort_into_batches(requests) for part in split_among(batch, cores)]
+    perform(batches)
+    perform([[index] for index in range(len(requests)) if index not in found])
+    return [found[index] for index in range(len(requests))]
+
+
+def solve_one(request: Request, run: Run) -> Brdf | Field:
+    """What a request of either kind asks."""
+    mu, solution = solve_request(request, run)
+    return make_brdf(request, solution) if request.kind == "brdf" else make_field(request, mu, solution)
+
+
+def split_among(batch: list[int], cores: int) -> list[list[int]]:
+    """A batch in as many parts as there are cores, each of two or more.
+
+    >>> split_among([0, 1, 2, 3, 4], 2), split_among([0, 1, 2], 8)
+    ([[0, 1, 2], [3, 4]], [[0, 1], [2]])
+    """
+    step = max(2, -(-len(batch) // cores))
+    return [batch[first : first + step] for first in range(0, len(batch), step)]

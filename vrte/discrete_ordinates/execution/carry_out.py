@@ -205,7 +205,7 @@ def advise_user(problem: Problem) -> str:
 def finish_task(task: Task, target: Target, parts: list[Array], engine: Engine, run: Run, start: float) -> Solution:
     """All light of a plan added up, and how it was found."""
     plan = task.plan
-    if plan.problem.fraction.any():
+    if plan.problem.fraction.any() and (plan.problem.media is None or not plan.others):  # seen from above there is none
         task.flux += find_peak_flux(plan.problem, stack_depths(plan.request, plan.scenes).ravel())
     diagnostics = {
         **plan.diagnostics(),

@@ -4,7 +4,7 @@ import itertools
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -20,6 +20,7 @@ from vrte.discrete_ordinates.orders.single_scattering import add_base_reflected,
 from vrte.discrete_ordinates.orders.small_angle import Anisotropic
 from vrte.discrete_ordinates.planning.azimuths import Azimuths, compute_cos_sin
 from vrte.request.wanted import Wanted
+from vrte.scene.beams import find_cosines
 from vrte.scene.scene import Scene
 
 
@@ -171,7 +172,7 @@ def prepare_rest(result: Sum, run: Run) -> list[Adder]:
     """What the processor adds to a result beside an engine."""
     target = result.target
     if target.problem.media is not None:
-        return [prepare_vertices(target, run)]
+        return [prepare_vertices(target, run) if target.problem.scenes == 1 else prepare_under_smooth(target, run)]
     spread = result.in_closed_form and bool(target.spreads.any())
     return [*([prepare_spreading(target, run)] if spread else []), prepare_base(target, run)]
 
@@ -332,6 +333,38 @@ def prepare_base(target: Target, run: Run) -> Adder:
         part, index = share.part, (wanted.place, wanted.scale, share.first, share.last)
         with own.timed("single scattering"):
             add_base_reflected(bases, target.problem, part.levels, part.mu, target.azimuths.phi, *index, part.values)
+
+    return add
+
+
+def prepare_under_smooth(target: Target, run: Run) -> Adder:
+    """What adds light scattered or reflected once in many scenes under the same smooth surface, seen from above it: as
+    without the surface, along refracted directions, and then through it."""
+    media, problem, wanted = target.problem.media, target.problem, target.wanted
+    assert media is not None
+    scene, inner = media.scene, media.scene.indices[0]
+    into, out = (find_cosines(scene.media, scene.index_above, mu) for mu in (problem.mu0, problem.mu_out))
+    lit, seen = (np.where(each[1] > 0.0, each[1], 1.0) for each in (into, out))
+    enters = media.interfaces_along(into).down[0] * ((into[1] > 0.0) * problem.mu0 / lit)[:, None, None]
+    leaves = media.interfaces_along(out).up[0] * ((out[1] > 0.0) * (scene.index_above / inner) ** 2)[:, None, None]
+    inside = replace_unchecked(problem, media=None, mu0=lit, mu_out=seen, columns=np.eye(4))
+    every = Wanted(wanted.parts, np.arange(4, dtype=np.int32), np.ones(lit.size))
+    below = replace(target, wanted=every, problem=inside, mu=seen)
+    columns = enters @ problem.columns.T * wanted.scale[:, None, None]
+    scatter, reflect = prepare_closed_form(below, run), prepare_base(below, run)
+
+    def add(share: Share) -> None:
+        part, (first, last) = share.part, (share.first, share.last)
+        mu = seen[part.rows]
+        light = np.zeros((*part.values.shape[:-1], 4))
+        own = replace(part, mu=mu, values=light)
+        for table, path in find_scatterers(target.scenes, inside, part.levels, mu):
+            scatter("single scattering", table, path, lit, mu, first, last, light)
+        reflect(Share(own, first, last))
+        light = light[:, first:last] @ columns[None, first:last, None, None]
+        light = leaves[part.rows][:, None] @ light
+        for column, at in enumerate(wanted.place.tolist()):
+            part.values[:, first:last, ..., at] += light[..., column]
 
     return add
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from vrte.basics.arrays import Array, IntArray
-from vrte.discrete_ordinates.orders.base import Base, expand_base
+from vrte.discrete_ordinates.orders.base import Base, EvenBases, expand_base
 from vrte.discrete_ordinates.orders.media import (
     ARRIVING,
     ENTERING,
@@ -162,7 +162,8 @@ def list_sources(cut: Cut, rough: Sequence[int], base: Boundary) -> list[tuple[i
 def expand_lossless_base(base: Boundary, problem: Problem, n_order: int, accuracy: float) -> Base:
     """A base's operators on nodes that are not Gauss's: one that reflects evenly loses no light by what they miss."""
     found = expand_base(base, problem, n_order, accuracy)
-    if base.is_uneven or not base.orders_reflected or problem.is_exact:
+    reflects = isinstance(base, EvenBases) or (base.orders_reflected and not base.is_uneven)
+    if not reflects or problem.is_exact:
         return found
     white = 2.0 * float(problem.weights @ problem.nodes)
     return replace(found, matrix=found.matrix / white, source=found.source / white, out=found.out / white)

@@ -45,14 +45,14 @@ def discretise_scenes(
 
     ``peaks`` (scene,) and ``whole``: which layers lose theirs, and what of the rest is kept, as of a `Truncation`; all
     depths of the problem are those of the truncated layers. ``under`` (n_tau,): whether a depth at an interface lies on
-    its lower side, None: nowhere. Of more than one scene none refracts.
+    its lower side, None: nowhere. More than one scene refract alike, if at all: under the same smooth surface.
     """
     scene, count = scenes[0], len(scenes)
     media = None
     if scene.keeps_beams:
         shared = make_refracted_nodes(scene.media, nodes, grading, scene.indices)
         points, weights = shared.carried(max(scene.media))
-        sides = np.zeros(tau.size, bool) if under is None else under
+        sides = np.zeros(tau.shape[1], bool) if under is None else under
         media = Media(scene, shared, locate_depths(scene, tau[0], sides))
     else:
         points, weights = make_double_gauss(nodes, grading)

@@ -12,7 +12,7 @@ from vrte.basics.polarization import FLIP
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.beam_paths import expand_lossless_base
 from vrte.discrete_ordinates.orders.boundary import OPEN, Top
-from vrte.discrete_ordinates.orders.fused_modes import solve_by_modes
+from vrte.discrete_ordinates.orders.fused_modes import Part, run_fused_modes, solve_by_modes, spread_over_scenes
 from vrte.discrete_ordinates.orders.media import Media, list_sights
 from vrte.discrete_ordinates.orders.modes import Modes
 from vrte.discrete_ordinates.orders.problem import Problem
@@ -100,7 +100,8 @@ class SingleInterface(ABC):
         up and down are, and how light going down from the surface is attenuated on its way there."""
         problem, n_up = self.problem, self.problem.n_up
         columns = problem.mu0.size, problem.columns.shape[0]
-        found = np.zeros((light.shape[0], problem.level.size, *columns, problem.mu_out.size, len(problem.stokes)))
+        levels = problem.level_layer.size
+        found = np.zeros((light.shape[0], levels, *columns, problem.mu_out.size, len(problem.stokes)))
         rows = []
         for t, index in enumerate(self.sights.place):
             straight = find_decaying(problem.depth[t : t + 1], self.sights.cosines[:3, index[n_up:]])[0]
@@ -147,6 +148,18 @@ class UnderSmooth(SingleInterface):
         outside = ~self.within  # the surface keeps nothing of what passes it
         fluxes[:, outside] = np.stack([fluxes[0, outside] - fluxes[1, outside], np.zeros_like(fluxes[0, outside])])
         return fluxes
+
+    def solve_scenes(self, orders: IntArray, wanted: BoolArray, run: Run) -> Orders:
+        """Those of the orders that are ``wanted`` (order, scene) of many scenes, seen from above the surface."""
+        row, scene = np.nonzero(wanted)
+        numbers, slab_stack = orders[row], scene.astype(np.int32)
+        part = Part(self.inside, numbers, slab_stack, self.base, self.base.find_rows(numbers, slab_stack), self.top)
+        (found,) = run_fused_modes([part], self.quick, run, np.arange(self.problem.layers, dtype=np.int32))
+        inside = spread_over_scenes(part, orders, wanted, found)
+        kernels = inside.kernels
+        seen = self.see(kernels.reshape(-1, 1, *kernels.shape[2:]), orders, np.zeros(0))
+        up, down = (np.einsum("tia,iac->tic", flux, self.flux) for flux in (inside.flux_up, inside.flux_down))
+        return Orders(seen.reshape(*kernels.shape[:2], *seen.shape[2:]), up - down, np.zeros_like(up), inside.residuals)
 
     def see(self, kernels: Array, orders: IntArray, rising: Array) -> Array:
         shape = *kernels.shape[:3], self.problem.columns.shape[0], *kernels.shape[4:]

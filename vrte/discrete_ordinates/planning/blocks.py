@@ -107,16 +107,10 @@ def make_blocks(
         rough = problem.media is not None and problem.media.scene.is_rough
         if rough and base_couples_orders:  # facets scatter all of them, and at order 0 keep (I, Q) and (U, V) apart
             sets = (((0, 1), (2, 3)), *[(ALL,)] * (count - 1))
-    careful = TRAPPED if problem.media is not None else 1.0
-    layers, has_end = count_layers_reached(problem, needs.by_layer, accuracy / careful)
-    if problem.media is not None:  # the layers stay those that the surfaces lie between
-        semi_infinite = is_under_one_surface(problem.media)
-        has_end = [end or not semi_infinite or k < problem.albedo.size for k, end in zip(layers, has_end, strict=True)]
-        layers = [problem.albedo.size] * len(layers)
-    along_normal = skip_flags.normal and bool((problem.mu0 == 1.0).all() or (problem.mu_out == 1.0).all())
+    along_normal = skip_flags.normal and is_along_normal(problem)
     reached = ((problem.albedo.size, not bool(np.isinf(problem.thickness[-1]))),) * count
     if skip_flags.depth and not base_couples_orders:
-        reached = tuple(zip(layers[:count], has_end[:count], strict=True))
+        reached = find_ends_seen(problem, needs, accuracy)[0][:count]
     steps: dict[tuple[int, bool], DoublingSteps] = {}
     blocks, lit = [], (problem.columns != 0.0).tolist()
     for part, members in sort_orders(sets, stages, along_normal, reached)[0]:
@@ -140,29 +134,31 @@ def make_blocks(
 
 
 def make_shared_blocks(
-    problem: Problem, bases: Sequence[Boundary], counts: IntArray, accuracy: float, algorithm: str
+    problem: Problem, bases: Sequence[Boundary], counts: IntArray, needs: OrderBounds, accuracy: float, algorithm: str
 ) -> tuple[list[Block], BoolArray]:
     """The orders of many scenes by modes, so many of each, in blocks that are alike; and which scenes they stand for,
     (scene,): for others, by themselves, another algorithm is chosen, fewer layers, or several looks at how many orders
     are left."""
-    fits, steps, sets = (
-        find_bottoms_seen(problem, accuracy),
-        count_all_doubling_steps(problem),
-        list_stokes_sets(problem),
-    )
-    n_order, reached = problem.coefficients.shape[1], (problem.layers, True)
+    steps, sets, along_normal = count_all_doubling_steps(problem), list_stokes_sets(problem), is_along_normal(problem)
+    fits, ends = np.ones(problem.scenes, bool), find_ends_seen(problem, needs, accuracy)
+    n_order = problem.coefficients.shape[1]
     blocks: list[Block] = []
     wanted: dict[Part, BoolArray] = {}
+    lit: dict[Part, tuple[int, ...]] = {}
+    there = (problem.columns != 0.0).tolist()
     for index, count in enumerate(counts.tolist()):
-        parts, at_once = sort_orders(sets[index][:count], (), False, (reached,) * count)
-        fits[index] &= at_once
+        parts = []
+        for part, members in sort_orders(sets[index][:count], (), along_normal, ends[index][:count])[0]:
+            if part not in lit:
+                lit[part] = find_lit_columns(problem, part, there, along_normal)
+            parts += [(part, members)] if lit[part] else []
+        fits[index] = are_solved_at_once([members for _, members in parts])
+        fits[index] &= all(part.has_end and part.layers == problem.layers for part, _ in parts)
         for part, members in parts if fits[index] else ():
             if part not in wanted:
                 wanted[part] = np.zeros((n_order, problem.scenes), bool)
             wanted[part][members, index] = True
-    there = (problem.columns != 0.0).tolist()
-    lit = {part: find_lit_columns(problem, part, there) for part in wanted}
-    reduced = {part: reduce_problem(problem, part, columns) for part, columns in lit.items()}
+    reduced = {part: reduce_problem(problem, part, lit[part]) for part in wanted}
     for part, which in wanted.items():
         fits &= find_scenes_for_modes(reduced[part], steps, algorithm, accuracy) | ~which.any(axis=0)
     shared = EvenBases(tuple(bases)), Choice("modes", "many scenes that are alike")
@@ -172,6 +168,28 @@ def make_shared_blocks(
             own = reduced[part], *shared, (), (which & fits)[orders]
             blocks.append(Block(orders, part.stokes, lit[part], *own))
     return sorted(blocks, key=lambda block: (int(block.orders[0]), block.stokes)), fits
+
+
+def is_along_normal(problem: Problem) -> bool:
+    """Whether all light comes, or all is seen, along the normal."""
+    return bool((problem.mu0 == 1.0).all() or (problem.mu_out == 1.0).all())
+
+
+def find_ends_seen(problem: Problem, needs: OrderBounds, accuracy: float) -> list[tuple[tuple[int, bool], ...]]:
+    """How many layers light of each order of each scene comes back from, and whether from the end of the last; under
+    surfaces the layers stay those that these lie between."""
+    n_order, media = problem.coefficients.shape[1], problem.media
+    careful = 1.0 if media is None else TRAPPED
+    found = [((problem.layers, True),) * n_order] * problem.scenes
+    by_layer = needs.by_layer.reshape(problem.scenes, problem.layers, -1)
+    for index in np.flatnonzero(~find_bottoms_seen(problem, accuracy / careful)).tolist():
+        layers, has_end = count_layers_reached(problem.select_scene(index), by_layer[index], accuracy / careful)
+        if media is not None:
+            ends = not is_under_one_surface(media)
+            has_end = [end or ends or k < problem.layers for k, end in zip(layers, has_end, strict=True)]
+            layers = [problem.layers] * n_order
+        found[index] = tuple(zip(layers, has_end, strict=True))
+    return found
 
 
 def explain_part(problem: Problem, part: Part, columns: tuple[int, ...]) -> tuple[tuple[str, str], ...]:

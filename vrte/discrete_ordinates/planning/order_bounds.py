@@ -225,11 +225,11 @@ def list_stokes_sets(problem: Problem) -> list[Sets]:
     """The sets of Stokes parameters that each order of each scene keeps apart, ascending, without those that do not
     scatter."""
     if problem.media is not None:
-        (sets,) = list_stokes_sets(replace_unchecked(problem, media=None))
-        joined = [join_stokes_sets(found) for found in sets]
+        every = list_stokes_sets(replace_unchecked(problem, media=None))
+        joined = [[join_stokes_sets(found) for found in sets] for sets in every]
         if problem.media.scene.is_rough:  # whose facets turn Q into U at any order but 0
-            joined[1:] = [(ALL,) if found else () for found in joined[1:]]
-        return [tuple(joined)]
+            joined = [[*sets[:1], *[(ALL,) if found else () for found in sets[1:]]] for sets in joined]
+        return [tuple(sets) for sets in joined]
     n_order = problem.coefficients.shape[1]
     if problem.is_scalar:
         return [(((0,),),) * n_order] * problem.scenes

@@ -391,7 +391,7 @@ def plan_scenes(request: Request, scenes: Sequence[Scene], run: Run) -> tuple[Pl
     choice, accuracy = converge_on_nodes(request)
     mu, tau = request.mu, stack_depths(request, scenes)
     assert mu is not None
-    asked, carried = (request.mu0, request.columns, mu), 2 * choice.nodes
+    asked, carried = (request.mu0, request.columns, mu), count_terms_carried(request.scene, choice.nodes)
     cut = [max(layer.phase_matrix.terms for layer in scene.layers) > carried for scene in scenes]
     truncations = [
         choose_truncation(request.truncation, scene, *asked, request.tau, choice.nodes, accuracy) if is_cut else UNCUT
@@ -399,10 +399,14 @@ def plan_scenes(request: Request, scenes: Sequence[Scene], run: Run) -> tuple[Pl
     ]
     peaks = [truncation.peaks for truncation in truncations]
     problem = discretise_scenes(scenes, request.mu0, request.columns, mu, tau, choice.nodes, peaks)
-    needs, bounds, brightest = look_at_orders(scenes, problem, mu, request, run)
+    within, seen = view_from_densest_medium(problem, mu)
+    needs, bounds, brightest = look_at_orders(scenes, within, seen, request, run)
     counts = count_orders_that_matter(bounds, brightest, accuracy)
+    if request.fluxes_only:
+        counts = np.ones_like(counts)
     bases = [scene.below for scene in scenes]
-    blocks, fits = make_shared_blocks(problem, bases, counts, accuracy, request.algorithm)
+    blocks, fits = make_shared_blocks(problem, bases, counts, needs, accuracy, request.algorithm)
+    fits &= np.array([truncation.spread != "all" for truncation in truncations])
     wanted = request.wanted or want_everything(request, mu)
     most, others = int(counts.max()), tuple(scenes[1:])
     found = needs, bounds, brightest, wanted, most, tuple(blocks), accuracy, choice

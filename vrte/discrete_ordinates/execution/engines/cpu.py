@@ -36,6 +36,7 @@ from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.routes import OTHER, Route, make_route
 from vrte.discrete_ordinates.orders.small_angle import count_scratch_doubles
 from vrte.discrete_ordinates.orders.solved import Orders
+from vrte.discrete_ordinates.planning.blocks import Block
 from vrte.discrete_ordinates.planning.memory import check_memory
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.scene.boundary import Boundary
@@ -88,6 +89,11 @@ class Processor:
         answers: list[Answer] = []
         before = 0
         for piece in pieces:
+            if piece.block.wanted is not None:
+                answers.append(
+                    make_answer(piece, piece.orders, solve_scenes(piece.block, piece.plan.accuracy, run), {})
+                )
+                continue
             own = choose_threads(run, piece.problem, piece.orders)
             asked = piece.problem, piece.block.base, piece.orders, piece.name, own, piece.plan.accuracy
             answers.append(make_answer(piece, *solve_orders(*asked, partial(tell_more, told, before))))
@@ -281,6 +287,14 @@ def solve_in_one_call(pieces: Sequence[Piece], run: Run, told: Callable[[int], N
             answers.append(make_answer(piece, piece.orders, found, {}))
     told(sum(piece.orders.size for piece in pieces))
     return answers
+
+
+def solve_scenes(block: Block, accuracy: float, run: Run) -> Orders:
+    """A block of orders of many scenes under one surface: whoever asks looks at the residuals of each."""
+    assert block.wanted is not None
+    route: Any = make_route("modes", block.problem, block.base, int(block.orders[-1]) + 1, accuracy)
+    found: Orders = route.solve_scenes(block.orders, block.wanted, run)
+    return found
 
 
 def choose_threads(run: Run, problem: Problem, orders: IntArray) -> Run:
