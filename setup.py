@@ -59,7 +59,7 @@ core = Extension(
     include_dirs=[numpy.get_include(), "vrte", str(declared)],
     depends=sorted([*glob("vrte/core/*"), *glob(f"{declared}/*")]),  # its stages: a change of one builds the core anew
     define_macros=[("NPY_NO_DEPRECATED_API", "NPY_2_0_API_VERSION")],
-    extra_compile_args=[] if os.name == "nt" else ["-O3", "-fno-math-errno", "-fno-trapping-math"],
+    extra_compile_args=[] if os.name == "nt" else ["-O3", "-g0", "-fno-math-errno", "-fno-trapping-math"],
 )
 
 setup(

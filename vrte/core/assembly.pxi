@@ -1,45 +1,13 @@
 # Section 3.A, first step: E and F of (1:41), the rows that lead out of the nodes and the beam's sources.
 
-def assembly_work(n_all, n_term, stokes):
-    """Doubles of `work` that one thread of `assemble` needs."""
-    return 3 * n_all * n_term + 4 * (stokes * n_all) * (2 * n_term) + n_all
-
-
-cdef struct Assembly:
-    int n_layer, n_term, n_node, n_out, n_in, stokes
-    given_ints orders, members, terms, slab_stack
-    given coefficients, albedo, directions, weights
-    doubles E, F, G_E, G_F, source_s, source_d
-
-
-# (1:4), the beam's direction of travel
-def assemble(crew, *, const int[::1] orders, const int[::1] members, const double[:, :, ::1] coefficients,
-             const int[::1] terms, const double[::1] albedo, const double[::1] directions, const double[::1] weights,
-             int n_out, double[:, :, :, ::1] E, double[:, :, :, ::1] F, double[:, :, :, ::1] G_E,
-             double[:, :, :, ::1] G_F, double[:, :, :, ::1] source_s, double[:, :, :, ::1] source_d,
-             const int[::1] slab_stack=None):
-    """E and F of (1:41) in the symmetric scaling, the rows that lead out of them and the beam's sources.
-
-    members (S,): the Stokes parameters, ascending; directions: nodes, then n_out outgoing, then incident cosines (all
-    positive); weights of the nodes. E, F (order, layer, n, n): M^-1 - omega/2 (Pp +- Pm), unit 1/optical depth; G_E,
-    G_F (order, layer, n, S n_out): from the scaled field on the nodes to the sum and difference of the two sources of
-    (1:38); source_s, source_d (order, layer, S n_in, n): M^-1 omega (Pp -+ Pm)(., mu0), (1:14) for a unit beam but for
-    1/(2 pi). slab_stack (order,): of which of several scenes each of `orders` is; their layers lie one behind another.
-    """
-    cdef int n_all = <int>directions.shape[0], n_node = <int>weights.shape[0], n_term = <int>coefficients.shape[1]
-    cdef Assembly task = Assembly(
-        <int>E.shape[1], n_term, n_node, n_out, n_all - n_node - n_out, <int>members.shape[0], &orders[0],
-        &members[0], &terms[0], NULL, &coefficients[0, 0, 0], &albedo[0], &directions[0], &weights[0], &E[0, 0, 0, 0],
-        &F[0, 0, 0, 0], &G_E[0, 0, 0, 0], &G_F[0, 0, 0, 0], &source_s[0, 0, 0, 0], &source_d[0, 0, 0, 0])
-    if slab_stack is not None:
-        task.slab_stack = &slab_stack[0]
-    run_items(crew, assemble_one, &task, <int>orders.shape[0] * task.n_layer,
-              assembly_work(n_all, n_term, task.stokes), 0, NULL)
+# (1:4), (1:14), the beam's direction of travel
+cdef Job assemble_job(Arrays* t) noexcept nogil:
+    return Job(<size_t>t.n_order * t.n_layer, (3 + 8 * t.stokes) * <size_t>t.n_all * t.n_term + t.n_all, 0)
 
 
 # (1:13), (1:16)-(1:23)
 cdef int assemble_one(const void* task, int item, Workspace desk) noexcept nogil:
-    cdef const Assembly* a = <const Assembly*>task
+    cdef const Arrays* a = <const Arrays*>task
     cdef int m = a.orders[item // a.n_layer], layer = layer_of(a.slab_stack, a.n_layer, item), terms = a.terms[layer]
     cdef int n_node = a.n_node, n_out = a.n_out, n_in = a.n_in, n_all = n_node + n_out + n_in, stokes = a.stokes
     cdef int n = stokes * n_node, into = stokes * n_in, out = stokes * n_out
@@ -83,22 +51,16 @@ cdef int assemble_one(const void* task, int item, Workspace desk) noexcept nogil
     return 0
 
 
-def balance_flux(*, int stokes, const double[:, :, ::1] coefficients, const double[::1] albedo,
-                 const double[::1] directions, const double[::1] weights, int n_out, double[:, :, ::1] E,
-                 double[:, :, ::1] G_E, double[:, :, ::1] source_d):
-    """What `balance_one` does to every layer of order 0, (layer, ...) as of `assemble`."""
-    cdef int n_layer = <int>E.shape[0], n_node = <int>weights.shape[0], layer
-    cdef int n_in = <int>directions.shape[0] - n_node - n_out
-    cdef double[::1] work = np.empty(3 * stokes * n_node)
-    cdef Assembly task = Assembly(
-        n_layer, <int>coefficients.shape[1], n_node, n_out, n_in, stokes, NULL, NULL, NULL, NULL,
-        &coefficients[0, 0, 0], &albedo[0], &directions[0], &weights[0], &E[0, 0, 0], NULL, &G_E[0, 0, 0], NULL, NULL,
-        &source_d[0, 0, 0])
-    for layer in range(n_layer):
-        balance_one(&task, layer, layer, &work[0])
+cdef Job balance_flux_job(Arrays* t) noexcept nogil:
+    return Job(t.n_layer, 3 * <size_t>t.n, 0)
 
 
-cdef void balance_one(const Assembly* a, int item, int layer, doubles work) noexcept nogil:
+cdef int balance_flux_one(const void* task, int item, Workspace desk) noexcept nogil:
+    balance_one(<const Arrays*>task, item, item, desk.work)
+    return 0
+
+
+cdef void balance_one(const Arrays* a, int item, int layer, doubles work) noexcept nogil:
     """On nodes that are not Gauss's, order 0 as if Legendre functions of even degree were what these integrate exactly
     (`find_even_shifts` of orders/phase_assembly.py): the rows and columns of I lose what the nodes get wrong of the
     flux of light scattered once."""

@@ -52,60 +52,11 @@ cdef inline cplx beam_response(cplx k, double rate, double depth) noexcept nogil
     return depth * exp_difference(make(-depth * rate, 0.0), -depth * k)
 
 
-def boundary_work(n, n_layer, n_rhs):
-    """Doubles of scratch memory that one thread of `boundary` needs."""
-    return 5 * n_layer * n * n + 5 * n_layer * n * n_rhs + 4 * n * n + 5 * n * n_rhs + (10 + 2 * n_layer) * n
+cdef Job boundary_job(Arrays* t) noexcept nogil:
+    cdef size_t n = t.n, n_layer = t.n_layer, r = t.n_rhs
+    return Job(t.n_order, 5 * n_layer * n * (n + r) + 4 * n * n + 5 * n * r + (10 + 2 * n_layer) * n,
+               (2 * n_layer + 1) * n)
 
-
-cdef struct Boundary:
-    int n, n_layer, n_in, n_rhs
-    given lam_re, lam_im, X, Y, c, zeta
-    given_ints clear, slab_stack
-    given thickness, mu0, above
-    given_ints base_row
-    given base, base_source
-    given_ints top_row
-    given top, sent
-    int block
-    doubles even, odd, base_down, rising
-    ints decaying
-    doubles residual
-
-
-def boundary(crew, *, const double[:, :, ::1] lam_re, const double[:, :, ::1] lam_im, const double[:, :, :, ::1] X,
-             const double[:, :, :, ::1] Y, const double[:, :, :, ::1] c, const double[:, :, :, ::1] zeta,
-             const int[::1] clear, const double[::1] thickness, const double[::1] mu0, const double[::1] above,
-             const int[::1] base_row, const double[:, :, ::1] base, const double[:, :, ::1] base_source,
-             const int[::1] top_row, const double[:, :, :, ::1] top, const double[:, :, ::1] sent,
-             double[:, :, :, ::1] even, double[:, :, :, ::1] odd, double[:, :, ::1] base_down,
-             double[:, :, ::1] rising, int[:, ::1] decaying, double[:, ::1] residual, int[::1] info,
-             const int[::1] slab_stack=None):
-    """The amplitudes of the even and odd modes of every layer.
-
-    clear (layer,): not 0 for layers known not to scatter; thickness (layer,), inf allowed last; above (layer,): optical
-    depth of each layer's top; base_row (order,): the row of `base` (row, n, n) and `base_source` (row, n_rhs, n) of
-    that order, or -1 for black: the base's operator and its reflection of the unattenuated beam, scaled and flipped.
-    top_row (order,): the row of `top` (row, block, b, b), what an interface above the layers reflects back down, or -1
-    for none: blocks of n elements together, row by row each, S x S along each node or one n x n; sent (order, n_rhs,
-    n): what it sends down of beams that no layer then meets, of no orders where beams go through.
-    even, odd (order, layer, n_rhs, n); base_down, rising (order, n_rhs, n): the scaled diffuse field that falls on the
-    base and, of no orders but with `sent`, that comes up to the top; decaying (order, layer): whether every mode of a
-    layer decays, which is decided here and says what its amplitudes
-    are of; residual (order, layer): of the linear systems, relative. stack: as of `assemble`.
-    """
-    cdef int n = <int>X.shape[3], n_layer = <int>X.shape[1], n_rhs = <int>c.shape[2]
-    cdef Boundary task = Boundary(
-        n, n_layer, <int>mu0.shape[0], n_rhs, &lam_re[0, 0, 0], &lam_im[0, 0, 0], &X[0, 0, 0, 0], &Y[0, 0, 0, 0],
-        &c[0, 0, 0, 0], &zeta[0, 0, 0, 0], &clear[0], NULL,
-        &thickness[0], &mu0[0], &above[0], &base_row[0], &base[0, 0, 0],
-        &base_source[0, 0, 0], &top_row[0], &top[0, 0, 0, 0], NULL, <int>top.shape[3],
-        &even[0, 0, 0, 0], &odd[0, 0, 0, 0], &base_down[0, 0, 0], NULL, &decaying[0, 0], &residual[0, 0])
-    if sent.shape[0] > 0:
-        task.sent, task.rising = &sent[0, 0, 0], &rising[0, 0, 0]
-    if slab_stack is not None:
-        task.slab_stack = &slab_stack[0]
-    run_items(crew, boundary_one, &task, <int>X.shape[0], boundary_work(n, n_layer, n_rhs), (2 * n_layer + 1) * n,
-              &info[0])
 
 cdef struct Slab:
     # one layer of an order
@@ -121,7 +72,7 @@ cdef struct Slab:
     ints pivots
 
 
-cdef Slab slab_at(const Boundary* t, int item, int layer, Workspace desk) noexcept nogil:
+cdef Slab slab_at(const Arrays* t, int item, int layer, Workspace desk) noexcept nogil:
     cdef size_t n = t.n, nn = n * n, nr = n * t.n_rhs, at = <size_t>item * t.n_layer + layer
     cdef doubles systems = desk.work + 5 * layer * nn, vectors = desk.work + 5 * (t.n_layer * nn + layer * nr)
     cdef int here = first_layer(t.slab_stack, t.n_layer, item) + layer
@@ -134,11 +85,11 @@ cdef Slab slab_at(const Boundary* t, int item, int layer, Workspace desk) noexce
 
 
 cdef int boundary_one(const void* task, int item, Workspace desk) noexcept nogil:
-    cdef const Boundary* t = <const Boundary*>task
+    cdef const Arrays* t = <const Arrays*>task
     cdef int n = t.n, n_layer = t.n_layer, n_rhs = t.n_rhs, layer, info, row = t.base_row[item]
     cdef int first = first_layer(t.slab_stack, n_layer, item), last = first + n_layer - 1
     cdef size_t nn = <size_t>n * n, nr = <size_t>n * n_rhs, i, at
-    cdef bint topped = t.top_row[item] >= 0, joined = n_layer > 1 or row >= 0 or topped
+    cdef bint topped = t.top_row != NULL and t.top_row[item] >= 0, joined = n_layer > 1 or row >= 0 or topped
     cdef double missing = 0.0
     cdef doubles scratch = desk.work + 5 * n_layer * (nn + nr) + 2 * n_layer * n
     cdef doubles below = scratch + 3 * nn + 8 * n, up = below + nn
@@ -158,12 +109,12 @@ cdef int boundary_one(const void* task, int item, Workspace desk) noexcept nogil
     set_zero(nn + nr, below)                                                    # and up
     if row >= 0:
         copy(nn, t.base + row * nn, below)
-        for i in range(nr if t.sent == NULL else 0):
+        for i in range(nr if t.n_sent == 0 else 0):
             up[i] = t.base_source[row * nr + i] * exp(
                 -(t.above[last] + t.thickness[last]) / t.mu0[i // (slab.per_beam * <size_t>n)])
     for layer in range(n_layer - 1 if joined else -1, -1, -1):
         slab = slab_at(t, item, layer, desk)
-        if t.clear[first + layer]:
+        if t.clear_layers[first + layer]:
             join_clear_layer(&slab, below, up)
             continue
         info = join_layer(&slab, row < 0 and layer == n_layer - 1, pivots_below, below, up, scratch, spare)
@@ -171,13 +122,13 @@ cdef int boundary_one(const void* task, int item, Workspace desk) noexcept nogil
             return info
     set_zero(nr, down)
     if topped:
-        if t.sent != NULL:
+        if t.n_sent > 0:
             copy(nr, t.sent + item * nr, down)
         info = send_back(t, t.top + t.top_row[item] * <size_t>n * t.block, below, up, down, pivots_below, scratch,
                          spare, &missing)
         if info != 0:
             return info
-        if t.sent != NULL:
+        if t.n_sent > 0:
             copy(nr, up, t.rising + item * nr)
             multiply(n, n_rhs, n, 1.0, below, down, 1.0, t.rising + item * nr)
     for layer in range(n_layer):
@@ -203,7 +154,7 @@ cdef int boundary_one(const void* task, int item, Workspace desk) noexcept nogil
     return 0
 
 
-cdef int send_back(const Boundary* t, given top, given below, given up, doubles down, ints pivots, doubles scratch,
+cdef int send_back(const Arrays* t, given top, given below, given up, doubles down, ints pivots, doubles scratch,
                    doubles spare, double* missing) noexcept nogil:
     """down <- (1 - top below)^-1 (top up + down): what the interface above sends down beside what it sends back of the
     light that comes out; missing: the relative residual."""

@@ -159,7 +159,7 @@ class Declarations:
 
     def write_stub(self) -> str:
         """_core.pyi, a line a stage."""
-        lines = [self.stub.strip(), "", "class Stages(OtherStages, Protocol):"]
+        lines = [self.stub.strip(), "", "class Stages(Protocol):"]
         lines.append('    """The loops of a solve: those of the core, or others that stand in for them."""')
         names = []
         for name, stage in self.stages.items():

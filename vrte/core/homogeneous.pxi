@@ -25,46 +25,13 @@ cdef int symmetric_eigenproblem_one(const void* task, int item, Workspace desk) 
     return t.info[0]
 
 
-def homogeneous_work(n):
-    """Doubles of `work` that one thread of `homogeneous` needs (its LAPACK block included)."""
-    return 5 * n * n + 50 * n + 8
+cdef Job homogeneous_job(Arrays* t) noexcept nogil:
+    """A block of LAPACK's included."""
+    return Job(<size_t>t.n_order * t.n_layer, <size_t>t.n * (5 * t.n + 50) + 8, 6 * <size_t>t.n + 8)
 
 
-cdef struct Homogeneous:
-    Nodes nodes
-    int n_layer
-    bint conserving, quick, clear
-    given_ints orders, slab_stack
-    given albedo, E, F
-    doubles lam_re, lam_im, X, Y, X_lu
-    ints X_pivots
-    doubles residual
-
-
-def homogeneous(crew, *, const int[::1] orders, bint conserving, bint quick, bint clear, const double[::1] albedo,
-                const double[::1] directions, const double[::1] weights, const double[:, :, :, ::1] E,
-                const double[:, :, :, ::1] F, double[:, :, ::1] lam_re, double[:, :, ::1] lam_im,
-                double[:, :, :, ::1] X, double[:, :, :, ::1] Y, double[:, :, :, ::1] X_lu, int[:, :, ::1] X_pivots,
-                double[:, ::1] residual, int[:, ::1] info, const int[::1] slab_stack=None):
-    """The modes F E X = X lambda, (1:43), and Y = F^-1 X, (1:44), without a division by lambda.
-
-    conserving: whether order 0 has I, so that its flux is conserved; quick: whether symmetric E and F go to the
-    symmetric eigensolver, which is several times faster and loses a digit; clear: whether layers without scattering go
-    without an eigenproblem. E, F, X, Y, X_lu (order, layer, n, n); lam_re, lam_im (order, layer, n), unit 1/optical
-    depth squared, complex pairs adjacent, the positive imaginary part first; X_lu and X_pivots factorise X, or X_pivots
-    starts with -1, X_lu is not filled and X^-1 = Y^T (symmetric modes); residual (order, layer): the largest of
-    |F E X - X lambda| over that of |F E X|, 1 where lambda < 0: a mode that oscillates instead of decaying, which only
-    a phase matrix with more terms than the nodes carry has.
-    """
-    cdef int n_layer = <int>X.shape[1], n = <int>X.shape[3]
-    cdef Homogeneous task = Homogeneous(
-        Nodes(n, n // <int>weights.shape[0], &directions[0], &weights[0]), n_layer, conserving, quick, clear,
-        &orders[0], NULL, &albedo[0], &E[0, 0, 0, 0], &F[0, 0, 0, 0], &lam_re[0, 0, 0], &lam_im[0, 0, 0],
-        &X[0, 0, 0, 0],
-        &Y[0, 0, 0, 0], &X_lu[0, 0, 0, 0], &X_pivots[0, 0, 0], &residual[0, 0])
-    if slab_stack is not None:
-        task.slab_stack = &slab_stack[0]
-    run_items(crew, homogeneous_one, &task, <int>orders.shape[0] * n_layer, homogeneous_work(n), 6 * n + 8, &info[0, 0])
+cdef inline Nodes nodes_of(const Arrays* t) noexcept nogil:
+    return Nodes(t.n, t.stokes, t.nodes, t.weights)
 
 
 cdef struct Halved:
@@ -79,13 +46,13 @@ cdef struct Halved:
 
 # (1:40)-(1:44)
 cdef int homogeneous_one(const void* task, int item, Workspace desk) noexcept nogil:
-    cdef const Homogeneous* t = <const Homogeneous*>task
-    cdef int n = t.nodes.n, info, i, together, diffusion = -1
+    cdef const Arrays* t = <const Arrays*>task
+    cdef int n = t.n, info, i, together, diffusion = -1
     cdef size_t nn = <size_t>n * n, at = <size_t>item * n, first = item * nn
     cdef doubles e = desk.work, f = e + nn, a = f + nn, v = a + nn, spare = v + n, X_lu = t.X_lu + first
     cdef ints X_pivots = t.X_pivots + at
     cdef Halved h = Halved(
-        t.nodes, t.conserving and t.orders[item // t.n_layer] == 0, t.quick,
+        nodes_of(t), t.conserving and t.orders[item // t.n_layer] == 0, t.quick,
         t.albedo[layer_of(t.slab_stack, t.n_layer, item)], t.E + first,
         t.F + first, t.lam_re + at, t.lam_im + at, t.X + first, t.Y + first, desk.work, desk.pivots)
     cdef bint paired = False       # X^-1 = Y^T

@@ -31,7 +31,7 @@ cdef inline Extended slab_of(const SlabStack* p, given matrices, int place) noex
 cdef int join_slabs_one(const void* task, int item, Workspace desk) noexcept nogil:
     cdef const Arrays* t = <const Arrays*>task
     cdef Sizes s = sizes_of(t)
-    cdef Nodes nodes = Nodes(s.n, s.stokes, t.nodes, t.weights)
+    cdef Nodes nodes = nodes_of(t)
     cdef int n_place = t.n_place, row = t.base_row[item], place, level, info, i, n = s.n, r = s.r
     cdef size_t nn = <size_t>n * n, nr = <size_t>n * r, each = size_extended(s)
     cdef size_t first = <size_t>item * t.n_slab, wanted = <size_t>item * t.n_level, size = <size_t>r * s.o

@@ -1,34 +1,13 @@
 # Particular solution, (1:28)-(1:34), without its resonance. With D(tau) = (e^(-tau/mu0) - e^(-k tau))/(k - 1/mu0),
 # y = c D and z = zeta e^(-tau/mu0) + c k D, where c = (q + p/mu0)/(k + 1/mu0), zeta = (p k - q)/(k + 1/mu0).
 
-cdef struct Particular:
-    int n, stokes, n_in, n_col
-    given F, source_s, source_d, mu0, columns, lam_re, lam_im, X, Y, X_lu
-    given_ints X_pivots
-    doubles c, zeta
-
-
-def particular(crew, *, const double[:, :, :, ::1] F, const double[:, :, :, ::1] source_s,
-               const double[:, :, :, ::1] source_d, const double[::1] mu0, const double[:, ::1] columns,
-               const double[:, :, ::1] lam_re, const double[:, :, ::1] lam_im, const double[:, :, :, ::1] X,
-               const double[:, :, :, ::1] Y, const double[:, :, :, ::1] X_lu, const int[:, :, ::1] X_pivots,
-               double[:, :, :, ::1] c, double[:, :, :, ::1] zeta):
-    """The beam's solution in the coordinates of the modes.
-
-    source_s, source_d (order, layer, S n_in, n) as `assemble` leaves them; mu0 (n_in,); columns (n_col, S): the
-    incident Stokes vectors. c, zeta (order, layer, n_in n_col, n).
-    """
-    cdef int n = <int>F.shape[3], stokes = <int>columns.shape[1], n_in = <int>mu0.shape[0]
-    cdef Particular task = Particular(
-        n, stokes, n_in, <int>columns.shape[0], &F[0, 0, 0, 0], &source_s[0, 0, 0, 0], &source_d[0, 0, 0, 0], &mu0[0],
-        &columns[0, 0], &lam_re[0, 0, 0], &lam_im[0, 0, 0], &X[0, 0, 0, 0], &Y[0, 0, 0, 0], &X_lu[0, 0, 0, 0],
-        &X_pivots[0, 0, 0], &c[0, 0, 0, 0], &zeta[0, 0, 0, 0])
-    run_items(crew, particular_one, &task, <int>(F.shape[0] * F.shape[1]), 2 * n * stokes * n_in + 4 * n, 0, NULL)
+cdef Job particular_job(Arrays* t) noexcept nogil:
+    return Job(<size_t>t.n_order * t.n_layer, 2 * <size_t>t.n * t.n_in_rows + 4 * t.n, 0)
 
 
 # (1:28)-(1:34), (1:46)-(1:48)
 cdef int particular_one(const void* task, int item, Workspace desk) noexcept nogil:
-    cdef const Particular* t = <const Particular*>task
+    cdef const Arrays* t = <const Arrays*>task
     cdef int n = t.n, stokes = t.stokes, n_in = t.n_in, n_col = t.n_col
     cdef size_t at = <size_t>item * n, nn = at * n, per_beam = at * stokes * n_in, wanted = at * n_in * n_col
     cdef given F = t.F + nn, X = t.X + nn, Y = t.Y + nn, X_lu = t.X_lu + nn, columns = t.columns

@@ -57,89 +57,9 @@ cdef inline double beam_down(double mu, double mu0, double depth) noexcept nogil
     return (depth / mu) * exp_difference(make(-depth / mu0, 0.0), make(-depth / mu, 0.0)).real
 
 
-def reconstruction_work(n, rows, n_rhs, n_layer):
-    """Doubles of `work` that one thread of `reconstruct` needs."""
-    return 2 * rows * n * n_layer + 5 * rows * n_rhs + 3 * rows * n + n * n_rhs + 2 * n + 6 * rows
-
-
-cdef struct Reconstruction:
-    int n, stokes, n_out, n_up, n_layer, n_in, n_rhs, n_level
-    given G_E, G_F, lam_re, lam_im, X, Y, c, zeta, even, odd, base_down
-    given_ints decaying, base_row, slab_stack
-    given base_out, thickness, above, mu0, mu_out, level
-    given_ints level_layer
-    doubles out
-
-
-def reconstruct(crew, *, const double[:, :, :, ::1] G_E, const double[:, :, :, ::1] G_F,
-                const double[:, :, ::1] lam_re, const double[:, :, ::1] lam_im, const double[:, :, :, ::1] X,
-                const double[:, :, :, ::1] Y, const double[:, :, :, ::1] c, const double[:, :, :, ::1] zeta,
-                const double[:, :, :, ::1] even, const double[:, :, :, ::1] odd, const double[:, :, ::1] base_down,
-                const int[:, ::1] decaying, const int[::1] base_row, const double[:, :, ::1] base_out,
-                const double[::1] thickness, const double[::1] above, const double[::1] mu0, const double[::1] mu_out,
-                int n_up, const double[::1] level, const int[::1] level_layer, double[:, :, :, ::1] out,
-                const int[::1] slab_stack=None):
-    """The field at any depth and direction, one Fourier order after another, without singly scattered light.
-
-    The last stage of a solve by modes: it takes what the earlier ones leave. n is the number of Stokes parameters S
-    times that of nodes, n_rhs that of incident cosines times incident Stokes columns. The last axis is the row.
-
-    Parameters
-    ----------
-    crew : tuple
-        (threads, seconds, stop) of vrte/basics/running.py.
-    G_E, G_F : ndarray (order, layer, n, S n_out)
-        Of `assemble`: from the scaled field on the nodes to sum and difference of the sources, [1/optical depth].
-    lam_re, lam_im : ndarray (order, layer, n)
-        Of `homogeneous`: the modes' squared rates.
-    X, Y : ndarray (order, layer, n, n)
-        Of `homogeneous`: the modes.
-    c, zeta : ndarray (order, layer, n_rhs, n)
-        Of `particular`: the beam's part.
-    even, odd : ndarray (order, layer, n_rhs, n)
-        Of `boundary`: amplitudes of the modes.
-    base_down : ndarray (order, n_rhs, n)
-        Of `boundary`: the scaled diffuse field that falls on the base.
-    decaying : ndarray of int (order, layer)
-        Of `boundary`: whether every mode of a layer decays.
-    base_row : ndarray of int (order,)
-        The row of ``base_out`` of each order, or -1 for black.
-    base_out : ndarray (row, n, S n_out)
-        What the base sends up from the scaled field on its nodes.
-    thickness, above : ndarray (layer,)
-        Optical thickness of each layer, and optical depth of its top.
-    mu0 : ndarray (n_in,)
-        Positive cosines of the beams.
-    mu_out : ndarray (n_out,)
-        Positive cosines, the first ``n_up`` of them for light going up, the others down.
-    n_up : int
-        How many of them go up.
-    level : ndarray (n_tau,)
-        Optical depths below the top of a layer.
-    level_layer : ndarray of int (n_tau,)
-        Which layer that is.
-    out : ndarray (order, n_tau, n_rhs, S n_out)
-        Filled with radiance times 2 pi for a unit beam; upward rows are flipped by D = diag(1, 1, -1, -1).
-    slab_stack : ndarray of int (order,), optional
-        Of which of several scenes each item is, whose layers and levels lie one behind the other; level_layer is the
-        same of all.
-
-    References
-    ----------
-    (1:36)-(1:38).
-    """
-    cdef int n = <int>X.shape[3], n_layer = <int>X.shape[1], n_rhs = <int>c.shape[2], n_out = <int>mu_out.shape[0]
-    cdef Reconstruction task = Reconstruction(
-        n, <int>out.shape[3] // max(1, n_out), n_out, n_up, n_layer, <int>mu0.shape[0], n_rhs, <int>out.shape[1],
-        &G_E[0, 0, 0, 0], &G_F[0, 0, 0, 0], &lam_re[0, 0, 0], &lam_im[0, 0, 0], &X[0, 0, 0, 0], &Y[0, 0, 0, 0],
-        &c[0, 0, 0, 0], &zeta[0, 0, 0, 0], &even[0, 0, 0, 0], &odd[0, 0, 0, 0], &base_down[0, 0, 0], &decaying[0, 0],
-        &base_row[0], NULL, &base_out[0, 0, 0], &thickness[0], &above[0], &mu0[0], &mu_out[0], &level[0],
-        &level_layer[0],
-        &out[0, 0, 0, 0])
-    if slab_stack is not None:
-        task.slab_stack = &slab_stack[0]
-    run_items(crew, reconstruct_one, &task, <int>X.shape[0],
-              reconstruction_work(n, <int>out.shape[3], n_rhs, n_layer), 0, NULL)
+cdef Job reconstruct_job(Arrays* t) noexcept nogil:
+    cdef size_t n = t.n, rows = t.n_out_rows, r = t.n_rhs
+    return Job(t.n_order, 2 * rows * n * t.n_layer + 5 * rows * r + 3 * rows * n + n * r + 2 * n + 6 * rows, 0)
 
 
 cdef struct Path:
@@ -154,7 +74,7 @@ cdef struct Path:
 
 
 cdef int reconstruct_one(const void* task, int item, Workspace desk) noexcept nogil:
-    cdef const Reconstruction* t = <const Reconstruction*>task
+    cdef const Arrays* t = <const Arrays*>task
     cdef int n = t.n, n_layer = t.n_layer, row = t.base_row[item], rows = t.stokes * t.n_out, layer
     cdef size_t nn = <size_t>n * n, nr = <size_t>n * t.n_rhs, room = <size_t>rows * n, size = <size_t>rows * t.n_rhs
     cdef size_t first = <size_t>item * n_layer
@@ -177,7 +97,7 @@ cdef int reconstruct_one(const void* task, int item, Workspace desk) noexcept no
     return 0
 
 
-cdef void through_levels(const Reconstruction* t, int item, int layer, bint upward, given g_e, given g_f,
+cdef void through_levels(const Arrays* t, int item, int layer, bint upward, given g_e, given g_f,
                          doubles running) noexcept nogil:
     """The field at the wanted depths of a layer; `running`, what enters it, becomes what leaves it for the next."""
     cdef int rows = t.stokes * t.n_out, level, skipped = 0 if upward else t.stokes * t.n_up
@@ -396,37 +316,17 @@ cdef void resonances(const Path* path, doubles out) noexcept nogil:
         j = j + width
 
 
-def flux_work(n, n_rhs):
-    """Doubles of scratch memory of `nodal_fluxes`."""
-    return 15 * n + 2 * n_rhs * n
+cdef Job nodal_fluxes_job(Arrays* t) noexcept nogil:
+    return Job(1, (15 + 2 * <size_t>t.n_rhs) * t.n, 0)
 
 
-def nodal_fluxes(*, const double[:, ::1] lam_re, const double[:, ::1] lam_im, const double[:, :, ::1] X,
-                 const double[:, :, ::1] Y, const double[:, :, ::1] c, const double[:, :, ::1] zeta,
-                 const double[:, :, ::1] even, const double[:, :, ::1] odd, const int[::1] decaying,
-                 const double[::1] thickness, const double[::1] above, const double[::1] mu0,
-                 const double[::1] nodes, const double[::1] weights, const double[::1] level,
-                 const int[::1] level_layer):
-    """Diffuse flux of order 0 up and down through a horizontal plane at every level, (2, n_tau, n_rhs).
-
-    lam_re, lam_im (layer, n), X, Y (layer, n, n) are those of `homogeneous`, c, zeta (layer, n_rhs, n) of `particular`,
-    even, odd (layer, n_rhs, n), decaying (layer,) of `boundary`; level, level_layer (n_tau,): depths below the top of a
-    layer; nodes, weights (N,).
-    """
-    cdef int n = <int>lam_re.shape[1], n_rhs = <int>even.shape[1], n_level = <int>level.shape[0]
-    cdef double[:, :, ::1] out = np.zeros((2, n_level, n_rhs))
-    cdef double[::1] work = np.empty(flux_work(n, n_rhs))
-    cdef Reconstruction r = Reconstruction(
-        n, 1, 0, 0, <int>lam_re.shape[0], <int>mu0.shape[0], n_rhs, n_level, NULL, NULL,
-        &lam_re[0, 0], &lam_im[0, 0], &X[0, 0, 0], &Y[0, 0, 0], &c[0, 0, 0], &zeta[0, 0, 0], &even[0, 0, 0],
-        &odd[0, 0, 0], NULL, &decaying[0], NULL, NULL, NULL, &thickness[0], &above[0], &mu0[0], NULL, &level[0],
-        &level_layer[0], NULL)
-    cdef Nodes at = Nodes(n, n // <int>weights.shape[0], &nodes[0], &weights[0])
-    fluxes_one(&r, &at, &out[0, 0, 0], Workspace(&work[0], NULL, NULL))
-    return np.asarray(out)
+cdef int nodal_fluxes_one(const void* task, int item, Workspace desk) noexcept nogil:
+    cdef const Arrays* t = <const Arrays*>task
+    fluxes_one(t, t.flux, desk)
+    return 0
 
 
-cdef void fluxes_one(const Reconstruction* t, const Nodes* nodes, doubles out, Workspace desk) noexcept nogil:
+cdef void fluxes_one(const Arrays* t, doubles out, Workspace desk) noexcept nogil:
     """Of one order, out (2, n_tau, n_rhs): half the sum, and difference, of what the modes carry through the nodes."""
     cdef int n = t.n, layer, here, level, r, i, j
     cdef size_t nr = <size_t>n * t.n_rhs, row
@@ -434,6 +334,7 @@ cdef void fluxes_one(const Reconstruction* t, const Nodes* nodes, doubles out, W
     cdef doubles part = desk.work + 12 * n, even_carry = part + n, odd_carry = even_carry + n, at = odd_carry + n
     cdef double total, difference, weight, depth
     cdef Modes a
+    cdef Nodes nodes = nodes_of(t)
     for level in range(t.n_level):
         layer = t.level_layer[level]
         here = first_layer(t.slab_stack, t.n_layer, 0) + layer

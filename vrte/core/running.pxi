@@ -138,6 +138,22 @@ cdef void* data_of(object values, object owner, str name, int form, bint written
 TYPES = "float64", "int32", "complex128", "float64"     # of the forms
 
 
+cdef struct Several:
+    # calls of one stage, and the first item of each
+    Kernel kernel
+    int count
+    Arrays* of
+    ints first
+
+
+cdef int one_of_several(const void* task, int item, Workspace desk) noexcept nogil:
+    cdef const Several* t = <const Several*>task
+    cdef int k = t.count - 1
+    while t.first[k] > item:
+        k -= 1
+    return t.kernel(&t.of[k], item - t.first[k], desk)
+
+
 cdef inline int type_of(int form) noexcept:
     return NPY_INT if form == WHOLE else NPY_CDOUBLE if form == COMPLEX else NPY_DOUBLE
 
@@ -324,6 +340,27 @@ cdef int solve_equations(int* sizes) noexcept nogil:
                     if sizes[unknown] * known != sizes[e.whole]:
                         return k
     return -1
+
+
+def call_together(stage, crew, calls):
+    """What a stage without `info`, by name, returns for several calls, each its arrays by name: one crew shares all
+    items."""
+    cdef Stage one = globals()[stage]
+    cdef Several all_of
+    cdef Job job, most = Job(0, 0, 0)
+    cdef int k
+    memory = np.empty(len(calls) * (sizeof(Arrays) + sizeof(int)) + sizeof(Arrays), np.uint8)
+    all_of.kernel, all_of.count, all_of.of = one.kernel, len(calls), <Arrays*>PyArray_DATA(<PyArrayObject*>memory)
+    all_of.first = <int*>(all_of.of + all_of.count)
+    found = []
+    for k, given in enumerate(calls):
+        found.append(one.read(given, &all_of.of[k]))
+        job = one.plan(&all_of.of[k])
+        all_of.first[k] = <int>most.items
+        most.items += job.items
+        most.doubles, most.integers = max(most.doubles, job.doubles), max(most.integers, job.integers)
+    run_items(crew, one_of_several, &all_of, <int>most.items, most.doubles, most.integers, NULL)
+    return [result_of(each) for each in found]
 
 
 def result_of(found):

@@ -1,6 +1,7 @@
 """Section 2.C.3, boundary conditions: the amplitudes of all modes in all layers."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -37,13 +38,12 @@ class Top:
     reflection: Array
     sent: Array
 
-    def rows_of(self, orders: IntArray) -> IntArray:
-        """The row of each of the orders (order,), -1 where nothing lies above."""
-        return self.row[orders] if self.row.size else np.full(orders.size, -1, np.int32)
-
-    def sent_in(self, orders: IntArray) -> Array:
-        """The light sent down in each of the orders."""
-        return self.sent[orders] if self.sent.size else self.sent
+    def arguments_of(self, orders: IntArray) -> dict[str, Any]:
+        """What the core takes of it: nothing where nothing lies above, no light where beams go through."""
+        if not self.row.size:
+            return {}
+        sent = {"sent": self.sent[orders]} if self.sent.size else {}
+        return {"top_row": self.row[orders], "top": self.reflection} | sent
 
 
 OPEN = Top(np.zeros(0, np.int32), np.zeros((1, 1, 1, 1)), np.zeros((0, 1, 1)))  # nothing above the layers
@@ -54,19 +54,8 @@ def solve_boundary(
 ) -> Amplitudes:
     """Solves the boundary systems of every order, ``top`` above the layers. Raises AccuracyError where one is
     singular."""
-    n, n_layer, n_rhs = problem.size, problem.albedo.size, problem.n_rhs
-    shape, sent = (orders.size, n_layer, n_rhs, n), top.sent_in(orders)
-    result = Amplitudes(
-        even=np.empty(shape),
-        odd=np.empty(shape),
-        base_down=np.empty((orders.size, n_rhs, n)),
-        rising=np.empty(sent.shape),
-        decaying=np.empty((orders.size, n_layer), np.int32),
-        residual=np.zeros((orders.size, n_layer)),
-    )
-    info = np.zeros(orders.size, np.int32)
     with run.timed("boundary") as crew:
-        run.kernels.boundary(
+        found = run.kernels.boundary(
             crew,
             lam_re=modes.lam_re,
             lam_im=modes.lam_im,
@@ -74,24 +63,16 @@ def solve_boundary(
             Y=modes.Y,
             c=beam.c,
             zeta=beam.zeta,
-            clear=np.where((problem.albedo == 0.0) & problem.skip_flags.clear, 1, 0).astype(np.int32),
+            clear_layers=problem.clear_layers,
             thickness=problem.thickness,
             mu0=problem.mu0,
             above=problem.above,
             base_row=base.row[orders],
             base=base.matrix,
             base_source=base.source,
-            top_row=top.rows_of(orders),
-            top=top.reflection,
-            sent=sent,
-            even=result.even,
-            odd=result.odd,
-            base_down=result.base_down,
-            rising=result.rising,
-            decaying=result.decaying,
-            residual=result.residual,
-            info=info,
+            **top.arguments_of(orders),
         )
+    info = found.pop("info")
     if info.any():
         raise AccuracyError(f"the boundary system of order {orders[np.argmax(info != 0)]} is singular")
-    return result
+    return Amplitudes(**found)

@@ -104,7 +104,7 @@ class Doubling:
             + 2.0 * slab_stack.interface.size * n_rhs * out
         )
         scratch = (
-            _core.assembly_work(problem.directions.size, problem.coefficients.shape[1], len(problem.stokes)),
+            _core.count_scratch("assemble", **problem.sizes),
             _core.count_scratch("double_slabs", **problem.sizes),
             _core.count_scratch("join_slabs", **problem.sizes, n_place=slab_stack.slabs.size),
         )

@@ -1,9 +1,9 @@
 """All of section 2.C: by one call, for orders of one scene or of many, or stage after stage."""
 
-import itertools
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -55,61 +55,47 @@ def run_fused_modes(parts: Sequence[Part], quick: bool, run: Run, twin: IntArray
     """What the stages find of each part, bit for bit. Their problems differ in Stokes parameters and columns alone. Of
     several scenes the problems' layers and levels lie one behind the other; ``twin`` (layer,): of each layer of a scene
     the first that is made of the same."""
-    problem, sizes, n_tau = parts[0].problem, [part.orders.size for part in parts], parts[0].problem.level_layer.size
-    count, ends = sum(sizes), list(itertools.accumulate(sizes, initial=0))
-    residual, spent, missed = np.zeros((2, count, twin.size)), np.zeros((count, 5)), np.zeros((count, 2), np.int32)
-    worst = np.empty((2, count))
-    given, found = [], []
-    for part, size, first in zip(parts, sizes, ends, strict=False):
-        own, base, top, sent = part.problem, part.base, part.top, part.top.sent_in(part.orders)
-        n_rhs, rising = own.n_rhs, np.empty(sent.shape)
-        radiance, flux = np.empty((size, n_tau, n_rhs, own.rows_out)), np.zeros((size, 2, n_tau, n_rhs))
-        below = None if base.is_black else (base.matrix, base.source, base.out)
-        above = None if top is OPEN else (top.reflection, sent, rising)
-        given.append((own.conserves, own.members, own.columns, own.flip, below, above, flux, radiance))
-        shape, last = (own.mu0.size, own.columns.shape[0]), first + size
-        radiance = radiance.reshape(size, n_tau, *shape, own.mu_out.size, len(own.stokes))
-        flux = flux.reshape(size, 2, n_tau, *shape)
-        found.append(FusedModes(radiance, flux, rising, worst[:, first:last], missed[first:last]))
-    begin = time.perf_counter()
-    _core.fused_modes(
-        ThreadTeam(run.threads, np.zeros(run.threads), run.stop),
-        parts=given,
-        orders=join([part.orders for part in parts]),
-        part_of=np.repeat(np.arange(len(parts), dtype=np.int32), sizes),
-        slab_stack=join([part.slab_stack for part in parts]),
-        twin=twin,
-        coefficients=problem.coefficients,
-        terms=problem.terms,
-        albedo=problem.albedo,
-        directions=problem.directions,
-        weights=problem.weights,
-        n_up=problem.n_up,
-        n_out=problem.mu_out.size,
-        balanced=not problem.is_exact,
-        quick=quick,
-        clear=problem.skip_flags.clear,
-        clear_layers=problem.clear_layers,
-        thickness=problem.thickness,
-        above=problem.above,
-        base_row=join([part.base_row for part in parts]),
-        top_row=join([part.top.rows_of(part.orders) for part in parts]),
-        level=problem.level,
-        level_layer=problem.level_layer,
-        residual=residual,
-        spent=spent,
-        missed=missed,
-    )
-    note_stages(run, time.perf_counter() - begin, spent.sum(axis=0).tolist())
-    residual.max(axis=2, out=worst)
-    if missed.any():
-        worst[:, missed[:, 0] != 0] = np.nan
+    team, begin = ThreadTeam(run.threads, np.zeros(run.threads), run.stop), time.perf_counter()
+    answers = _core.call_together("fused_modes", team, [gather_arguments(part, quick, twin) for part in parts])
+    busy = sum(answer["spent"].sum(axis=0) for answer in answers)
+    note_stages(run, time.perf_counter() - begin, busy.tolist())
+    found = []
+    for part, answer in zip(parts, answers, strict=True):
+        own, missed, worst = part.problem, answer["missed"], answer["residual"].max(axis=2)
+        if missed.any():
+            worst[:, missed[:, 0] != 0] = np.nan
+        beams, radiance, flux = (own.mu0.size, own.columns.shape[0]), answer["out"], answer["flux"]
+        radiance = radiance.reshape(*radiance.shape[:2], *beams, own.mu_out.size, len(own.stokes))
+        flux = flux.reshape(*flux.shape[:3], *beams)
+        found.append(FusedModes(radiance, flux, answer["rising"], worst, missed))
     return found
 
 
-def join(arrays: Sequence[IntArray]) -> IntArray:
-    """One behind the other."""
-    return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
+def gather_arguments(part: Part, quick: bool, twin: IntArray) -> dict[str, Any]:
+    """What the core takes for a part."""
+    problem, base = part.problem, part.base
+    below = {} if base.is_black else {"base": base.matrix, "base_source": base.source, "base_out": base.out}
+    return {
+        "orders": part.orders,
+        "slab_stack": part.slab_stack,
+        "twin": twin,
+        **problem.phase_arguments,
+        "n_up": problem.n_up,
+        "columns": problem.columns,
+        "conserving": problem.conserves,
+        "balanced": not problem.is_exact,
+        "quick": quick,
+        "clear": problem.skip_flags.clear,
+        "clear_layers": problem.clear_layers,
+        "thickness": problem.thickness,
+        "above": problem.above,
+        "base_row": part.base_row,
+        **below,
+        **part.top.arguments_of(part.orders),
+        "flip": problem.flip,
+        "level": problem.level,
+        "level_layer": problem.level_layer,
+    }
 
 
 def find_twins(problem: Problem) -> IntArray:

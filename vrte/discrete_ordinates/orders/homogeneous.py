@@ -26,39 +26,21 @@ class Modes:
 
 def find_modes(problem: Problem, orders: IntArray, matrices: Assembled, run: Run, quick: bool = False) -> Modes:
     """The modes of every order and layer, ``quick`` where E and F are symmetric. Raises AccuracyError without any."""
-    shape, n = (orders.size, problem.albedo.size), problem.size
-    modes = Modes(
-        lam_re=np.empty((*shape, n)),
-        lam_im=np.empty((*shape, n)),
-        X=np.empty((*shape, n, n)),
-        Y=np.empty((*shape, n, n)),
-        X_lu=np.empty((*shape, n, n)),
-        X_pivots=np.empty((*shape, n), np.int32),
-        residual=np.zeros(shape),
-    )
-    info = np.zeros(shape, np.int32)
     with run.timed("homogeneous") as crew:
-        run.kernels.homogeneous(
+        found = run.kernels.homogeneous(
             crew,
             orders=orders,
             conserving=problem.conserves,
             quick=quick,
             clear=problem.skip_flags.clear,
             albedo=problem.albedo,
-            directions=problem.nodes,
+            nodes=problem.nodes,
             weights=problem.weights,
             E=matrices.E,
             F=matrices.F,
-            lam_re=modes.lam_re,
-            lam_im=modes.lam_im,
-            X=modes.X,
-            Y=modes.Y,
-            X_lu=modes.X_lu,
-            X_pivots=modes.X_pivots,
-            residual=modes.residual,
-            info=info,
         )
+    info = found.pop("info")
     if info.any():
         order, layer = np.argwhere(info)[0]
         raise AccuracyError(f"the eigenproblem of order {orders[order]}, layer {layer + 1} did not converge")
-    return modes
+    return Modes(**found)

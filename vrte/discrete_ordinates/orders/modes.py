@@ -85,12 +85,8 @@ class Modes:
         materials, kinds = merge_materials(problem)
         per_order = float(materials.albedo.size) * n * (5 * n + 2 * out + 2 * into + 2 * n_rhs)
         per_order += n_layer * n * (2.0 * n_rhs if kinds is None else 2.0 * n + 2.0 * out + 4.0 * n_rhs)
-        scratch = (
-            _core.assembly_work(problem.directions.size, problem.coefficients.shape[1], len(problem.stokes)),
-            _core.homogeneous_work(n),
-            _core.boundary_work(n, n_layer, n_rhs),
-            _core.reconstruction_work(n, problem.rows_out, n_rhs, n_layer),
-        )
+        stages = "assemble", "homogeneous", "boundary", "reconstruct"
+        scratch = [_core.count_scratch(name, **problem.sizes) for name in stages]
         return per_order, float(max(scratch))
 
     @staticmethod

@@ -21,10 +21,8 @@ class Beam:
 
 def find_beam_field(problem: Problem, matrices: Assembled, modes: Modes, run: Run) -> Beam:
     """The beam's own field, every order, layer and right-hand side."""
-    shape = (*modes.lam_re.shape[:2], problem.n_rhs, problem.size)
-    beam = Beam(np.empty(shape), np.empty(shape))
     with run.timed("particular") as crew:
-        run.kernels.particular(
+        found = run.kernels.particular(
             crew,
             F=matrices.F,
             source_s=matrices.source_s,
@@ -37,10 +35,8 @@ def find_beam_field(problem: Problem, matrices: Assembled, modes: Modes, run: Ru
             Y=modes.Y,
             X_lu=modes.X_lu,
             X_pivots=modes.X_pivots,
-            c=beam.c,
-            zeta=beam.zeta,
         )
-    return beam
+    return Beam(**found)
 
 
 def copy_to_layers(kinds: IntArray, matrices: Assembled, modes: Modes, beam: Beam) -> tuple[Assembled, Modes, Beam]:

@@ -24,23 +24,8 @@ class Assembled:
 
 def assemble(problem: Problem, orders: IntArray, run: Run) -> Assembled:
     """All matrices of the given Fourier orders; last axes are (column, row)."""
-    shape, n = (orders.size, problem.albedo.size), problem.size
-    out, into = problem.rows_out, len(problem.stokes) * problem.mu0.size
-    result = Assembled(
-        *(np.empty((*shape, *tail)) for tail in [(n, n), (n, n), (n, out), (n, out), (into, n), (into, n)])
-    )
     with run.timed("assembly") as crew:
-        run.kernels.assemble(
-            crew,
-            orders=orders,
-            **problem.phase_arguments,
-            E=result.E,
-            F=result.F,
-            G_E=result.G_E,
-            G_F=result.G_F,
-            source_s=result.source_s,
-            source_d=result.source_d,
-        )
+        result = Assembled(**run.kernels.assemble(crew, orders=orders, **problem.phase_arguments))
     if problem.conserves and 0 in orders and not problem.is_exact:
         balance_flux(problem, result, int(np.argmax(orders == 0)))
     return result

@@ -24,10 +24,9 @@ def reconstruct(
     run: Run,
 ) -> Array:
     """(order, n_tau, n_in, n_col, n_out, S): radiance of each order for a unit beam, public frame."""
-    n_out, n_rhs = problem.mu_out.size, problem.n_rhs
-    out = np.empty((orders.size, problem.level.size, n_rhs, problem.rows_out))
+    n_out = problem.mu_out.size
     with run.timed("reconstruction") as crew:
-        run.kernels.reconstruct(
+        out = run.kernels.reconstruct(
             crew,
             G_E=matrices.G_E,
             G_F=matrices.G_F,
@@ -50,7 +49,6 @@ def reconstruct(
             n_up=problem.n_up,
             level=problem.level,
             level_layer=problem.level_layer,
-            out=out,
         )
     out = out.reshape(*out.shape[:2], problem.mu0.size, problem.columns.shape[0], n_out, len(problem.stokes))
     out[..., : problem.n_up, :] *= problem.flip
@@ -65,15 +63,15 @@ def find_nodal_fluxes(
     if not problem.conserves or orders[0] > 0:
         return np.zeros(shape), np.zeros(shape)
     up, down = _core.nodal_fluxes(
-        lam_re=modes.lam_re[0],
-        lam_im=modes.lam_im[0],
-        X=modes.X[0],
-        Y=modes.Y[0],
-        c=beam.c[0],
-        zeta=beam.zeta[0],
-        even=amplitudes.even[0],
-        odd=amplitudes.odd[0],
-        decaying=amplitudes.decaying[0],
+        lam_re=modes.lam_re[:1],
+        lam_im=modes.lam_im[:1],
+        X=modes.X[:1],
+        Y=modes.Y[:1],
+        c=beam.c[:1],
+        zeta=beam.zeta[:1],
+        even=amplitudes.even[:1],
+        odd=amplitudes.odd[:1],
+        decaying=amplitudes.decaying[:1],
         thickness=problem.thickness,
         above=problem.above,
         mu0=problem.mu0,

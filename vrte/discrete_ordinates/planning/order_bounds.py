@@ -69,12 +69,11 @@ def view_from_densest_medium(problem: Problem, mu: Array) -> tuple[Problem, Arra
 
 def find_order_bounds(problem: Problem, run: Run) -> OrderBounds:
     """Strength of each order, and a bound on what it adds."""
-    directions, (rows, terms, _) = problem.directions, problem.coefficients.shape
+    directions, (_, terms, _) = problem.directions, problem.coefficients.shape
     if run.threads > 1 and directions.size * terms**2 < cost.WORTH_THREADS_BOUNDS:
         run = replace_unchecked(run, threads=1)
-    by_layer, bounds = np.empty((rows, terms)), np.empty((problem.scenes, terms))
     with run.timed("planning") as crew:
-        _core.order_bounds(
+        found = _core.order_bounds(
             crew,
             coefficients=problem.coefficients,
             terms=problem.terms,
@@ -82,11 +81,10 @@ def find_order_bounds(problem: Problem, run: Run) -> OrderBounds:
             directions=directions,
             n_node=problem.nodes.size,
             n_out=problem.mu_out.size,
-            strength=by_layer,
-            bounds=bounds.ravel(),
             slab_stacks=problem.scenes,
         )
-    return OrderBounds(by_layer, by_layer.reshape(problem.scenes, -1, terms).max(axis=1), bounds)
+    by_layer = found["strength"]
+    return OrderBounds(by_layer, by_layer.reshape(problem.scenes, -1, terms).max(axis=1), found["bounds"])
 
 
 def find_brightness(scenes: Sequence[Scene], problem: Problem, mu: Array, phi: Array, run: Run) -> Array:
@@ -158,7 +156,7 @@ def find_bounds_at(needs: OrderBounds, depth: Array) -> Array:
     An order decays with depth at least as fast as e^(-kappa tau), kappa < 1 - q: its bound there is
     bound e^(-kappa tau)/((1 - kappa) (1 - q/(1 - kappa))).
     """
-    found: Array = _core.bounds_at(strength=needs.strength, bounds=needs.bounds, depth=depth, decays=DECAYS)
+    found = _core.bounds_at(strength=needs.strength, bounds=needs.bounds, depths=depth, rates=DECAYS)
     return found[..., None]
 
 
