@@ -79,7 +79,7 @@ ORDINATES = list_faults(
      "orders that matter are left out", "plan accuracy"),
     ("safety", "discrete_ordinates/planning/order_bounds.py", "SAFETY = 3.0", "SAFETY = 0.01",
      "orders to come are taken for weaker than those that were seen", "plan accuracy"),
-    ("lowest-node", "discrete_ordinates/planning/choice.py", "SHARE_OF_STEEP = 0.1", "SHARE_OF_STEEP = 1e9",
+    ("lowest-node", "discrete_ordinates/planning/choice.py", "SHARE_OF_STEEP = 0.3", "SHARE_OF_STEEP = 1e9",
      "modes are given nodes along which they lose digits", "discrete_ordinates"),
     ("base-sign", "discrete_ordinates/orders/base.py", "(FLIP[:, None] * orders)", "(1.0 * orders)",
      "sign of U and V that a base sends up", "bases"),

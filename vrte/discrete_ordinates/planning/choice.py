@@ -18,7 +18,7 @@ ONE_LAYER = 16.0  # thickness over the lowest node cosine from which doubling ta
 STRONGEST = 0.98  # largest q (scattered fraction) of an order for which invariance iterations converge in time
 THICKEST = 4.0  # largest optical thickness of a slab solved by successive scatterings: T is a difference of moments
 STEEP_LOSS = 6e-18  # error of light by modes times the square of the lowest node's cosine, at most, with grading 2
-SHARE_OF_STEEP = 0.1  # fraction of the requested accuracy that this error of steep nodes may use
+SHARE_OF_STEEP = 0.3  # fraction of the requested accuracy that this error of steep nodes may use
 FINEST = 1e-13  # smallest requested accuracy for which iterations are used
 
 
@@ -61,7 +61,7 @@ def choose_algorithms(
         )
     if algorithm not in BY_RULE:
         return [(every, Choice(algorithm, "asked for"))]
-    if problem.grading > 1 and STEEP_LOSS / float(problem.nodes[0]) ** 2 > SHARE_OF_STEEP * accuracy:
+    if problem.grading > 1 and is_too_steep(float(problem.nodes[0]), problem.is_scalar, accuracy):
         reason = "auto: modes lose digits along the lowest nodes"
         return [(every, Choice("doubling", reason))]
     first = strength.size
@@ -74,6 +74,11 @@ def choose_algorithms(
         reason = f"auto: only the top is seen; predicted to take {fraction[first]:.2g} of the time of modes and less"
         parts.append((slice(first, strength.size), Choice("invariance", reason)))
     return parts
+
+
+def is_too_steep(lowest: float, scalar: bool, accuracy: float) -> bool:
+    """Whether modes on graded nodes down to this cosine lose too much for an accuracy; of I alone they lose nothing."""
+    return not scalar and STEEP_LOSS / lowest**2 > SHARE_OF_STEEP * accuracy
 
 
 def split_at_scatterings(

@@ -6,24 +6,29 @@ and believes their difference alone.
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.quadrature import count_panel_nodes, make_refracted_nodes
-from vrte.discrete_ordinates.orders.truncating import count_terms_carried
+from vrte.discrete_ordinates.orders.truncating import count_terms_carried, is_scalar
+from vrte.discrete_ordinates.planning.choice import is_too_steep
 from vrte.request.how import EXACT
 from vrte.request.request import Request
 from vrte.scene.scene import Scene
 
-SERIES = (4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)  # nodes a hemisphere
+SERIES = (4, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50, 64, 80, 100, 128, 160, 200, 256)  # nodes a hemisphere
 FEWEST, MOST = SERIES[0], SERIES[-1]
+COUNTS = np.arange(FEWEST, MOST + 1.0)  # of which errors are estimated
 LOWEST = 0.02  # smallest |mu| of estimates: lower directions take this one's
 AIM, DISCRETE = 0.65, 0.35  # of the accuracy: what the nodes may miss, what the discrete problem is solved to
 CAREFUL = 0.3  # fraction of the accuracy aimed at by an estimate that no second count of nodes checks
 TERM = 0.3  # largest error of a degree that the nodes do not carry, over the degree's strength
 BELIEF = 0.8  # power of that largest error in the first number of nodes
-WORTH_GRADING = 0.9  # graded nodes are taken where they are at most this fraction of the ungraded ones
+FIRST = 0.75  # first count over the estimate: the trend from two differences then shows that the estimate is enough
+GRADED_TERMS = 1.2  # terms that a node with grading 2 carries, at most
+DOUBLING = 1.6  # cube root of the time of doubling over that of modes
 MOST_GRADED = 64  # largest number of nodes with grading 2: their lowest cosine is 3e-8
 OF_NODES = np.array([LOWEST, 0.1, 0.35, 0.7, 1.0])  # |mu| compared where light along the nodes is requested
 
@@ -51,18 +56,23 @@ def take_given_nodes(request: Request, nodes: int) -> NodeChoice:
 
 
 def choose_first_nodes(request: Request) -> NodeChoice:
-    """The count at which a search starts, the coarser of the two first compared, and the grading of all its nodes."""
+    """The count at which a search starts, the coarser of the two first compared, and the grading of all its nodes: the
+    one that is predicted to take less time."""
     scene, mu = request.scene, np.array([LOWEST, 1.0]) if request.mu is None else request.mu
     aim = AIM * request.accuracy
-    cut = TERM * find_unresolved_terms(scene, np.arange(FEWEST, MOST + 1.0))
+    carried = count_terms_carried(scene, 1)
+    cut = find_unresolved_terms(scene, carried * COUNTS)
     smooth, whole = (estimate_errors(scene, request.mu0, mu, request.tau, left) for left in (np.zeros_like(cut), cut))
     # not where no term that is cut can matter at all: so many are seldom needed, and the way up is cheaper than down
     plain = round(find_fewest_nodes(smooth, aim) ** (1.0 - BELIEF) * find_fewest_nodes(whole, aim) ** BELIEF)
+    cut = find_unresolved_terms(scene, min(carried, GRADED_TERMS) * COUNTS)
     graded = find_fewest_nodes(estimate_graded_errors(scene, request.tau, cut), aim)
     allowed = request.method == EXACT and not request.backend.needs_device and graded <= MOST_GRADED
-    grading = request.grading or (2 if allowed and graded < WORTH_GRADING * plain else 1)
+    steep = is_too_steep(find_lowest_node(scene, graded, 2), is_scalar(scene), DISCRETE * request.accuracy)
+    effort = graded * (DOUBLING if steep else 1.0)
+    grading = request.grading or (2 if allowed and effort < plain else 1)
     nodes = graded if grading > 1 else plain
-    start = max((count for count in SERIES[:-1] if count <= nodes), default=FEWEST)
+    start = max((count for count in SERIES[:-1] if count <= FIRST * nodes), default=FEWEST)
     return NodeChoice(start, grading, f"estimate {start}", ())
 
 
@@ -76,27 +86,33 @@ def find_next_count(scene: Scene, nodes: int) -> int | None:
     return None
 
 
+def find_scattering_thickness(scene: Scene) -> dict[float, float]:
+    """Of the layers of each medium that scatter, by its refractive index."""
+    found: dict[float, float] = {}
+    for index, layer in zip(scene.indices, scene.layers, strict=True):
+        if layer.albedo > 0.0:
+            found[index] = found.get(index, 0.0) + layer.thickness
+    return found
+
+
 def find_unseen_share(scene: Scene, nodes: int, grading: int) -> float:
     """What two counts can agree on and both miss, over the light: albedo times the thickness t of the scattering layers
     of a medium in which no node of the coarser count lies below t; for thin media their share of all t."""
-    ways: dict[float, float] = {}
-    sent: dict[float, float] = {}
-    for index, layer in zip(scene.indices, scene.layers, strict=True):
-        if layer.albedo > 0.0:
-            ways[index] = ways.get(index, 0.0) + layer.thickness
-            sent[index] = sent.get(index, 0.0) + layer.albedo * layer.thickness
+    ways = find_scattering_thickness(scene)
     whole, found = sum(ways.values()), 0.0
     if 0.0 < whole < 1.0:
         shared = make_refracted_nodes(scene.media, nodes, grading, scene.indices)
         for index, way in ways.items():
             if shared.carried(index)[0][0] > way:
-                found = max(found, sent[index] * way / whole)
+                layers = zip(scene.indices, scene.layers, strict=True)
+                sent = sum(layer.albedo * layer.thickness for each, layer in layers if each == index)
+                found = max(found, sent * way / whole)
     return found
 
 
 def estimate_nodes(scene: Scene, mu0: Array, mu: Array, tau: Array, aim: float) -> int:
     """The fewest whose relative error, as estimated, is no more than this."""
-    cut = TERM * find_unresolved_terms(scene, np.arange(FEWEST, MOST + 1.0))
+    cut = find_unresolved_terms(scene, count_terms_carried(scene, 1) * COUNTS)
     return find_fewest_nodes(estimate_errors(scene, mu0, mu, tau, cut), aim)
 
 
@@ -108,9 +124,9 @@ def find_fewest_nodes(errors: Array, aim: float) -> int:
 
 def estimate_graded_errors(scene: Scene, tau: Array, cut: Array) -> Array:
     """Relative, of FEWEST to MOST nodes with grading 2; ``cut``: by terms that they do not carry."""
-    nodes = np.arange(FEWEST, MOST + 1.0)
+    nodes = count_nodes_of_horizon(scene, COUNTS)
     error = 0.1 * np.exp(-1.2 * nodes) + cut
-    error = np.maximum(error, estimate_unseen_share(scene, nodes, 2))
+    error = np.maximum(error, estimate_unseen_share(scene, COUNTS, 2))
     for length in list_short_ways(scene, tau):
         error = np.maximum(error, min(length, 1.0) * np.exp(-1.55 * length**0.25 * nodes))
     return error
@@ -118,19 +134,29 @@ def estimate_graded_errors(scene: Scene, tau: Array, cut: Array) -> Array:
 
 def estimate_errors(scene: Scene, mu0: Array, mu: Array, tau: Array, cut: Array) -> Array:
     """Relative, of FEWEST to MOST nodes; ``cut``: by terms that they do not carry."""
-    nodes = np.arange(FEWEST, MOST + 1.0)
+    nodes = count_nodes_of_horizon(scene, COUNTS)
     lowest = max(LOWEST, min(float(mu0.min()), float(np.abs(mu).min())))
-    error = np.maximum(estimate_grazing_error(nodes, lowest) + cut, estimate_unseen_share(scene, nodes, 1))
+    error = np.maximum(estimate_grazing_error(nodes, lowest) + cut, estimate_unseen_share(scene, COUNTS, 1))
     for length in list_short_ways(scene, tau):
         error = np.maximum(error, estimate_thin_error(nodes, length, lowest))
     return error
 
 
+def count_nodes_of_horizon(scene: Scene, nodes: Any) -> Any:
+    """Nodes of one medium that are as good as so many of all that a surface joins, as measured with one and two."""
+    return nodes / math.sqrt(len(set(scene.media)))
+
+
+def find_lowest_node(scene: Scene, nodes: Any, grading: int) -> Any:
+    """The lowest cosine of so many nodes: of N of Gauss's x it is 1.446/(N + 1/2)^2."""
+    return (1.446 / (count_nodes_of_horizon(scene, nodes) + 0.5) ** 2) ** grading
+
+
 def estimate_unseen_share(scene: Scene, nodes: Array, grading: int) -> Array:
-    """`find_unseen_share` of all layers as one in air: the lowest of N of Gauss's x is 1.446/(N + 1/2)^2."""
-    way = sum(layer.thickness for layer in scene.layers if layer.albedo > 0.0)
+    """`find_unseen_share` of all layers as one."""
+    way = sum(find_scattering_thickness(scene).values())
     sent = sum(layer.albedo * min(layer.thickness, 1.0) for layer in scene.layers)
-    return np.where((1.446 / (nodes + 0.5) ** 2) ** grading > way, sent, 0.0)
+    return np.where(find_lowest_node(scene, nodes, grading) > way, sent, 0.0)
 
 
 def estimate_grazing_error(nodes: Array, lowest: float) -> Array:
@@ -147,9 +173,9 @@ def estimate_thin_error(nodes: Array, length: float, lowest: float) -> Array:
     return length * (2.0 * np.exp(-2.5 * way) + fall)
 
 
-def find_unresolved_terms(scene: Scene, nodes: Array) -> Array:
-    """The strongest term, omega |B_l|/(2 l + 1), of the degrees l >= 2 N: those that so many nodes do not carry. Of a
-    thin layer as much counts as is scattered there once more, about 2 thickness."""
+def find_unresolved_terms(scene: Scene, carried: Array) -> Array:
+    """Error by the strongest term, omega |B_l|/(2 l + 1), of the degrees l beyond those that nodes carry. Of a thin
+    layer as much counts as is scattered there once more, about 2 thickness."""
     weight: dict[int, float] = {}
     matrices = {id(layer.phase_matrix): layer.phase_matrix for layer in scene.layers}
     for layer in scene.layers:
@@ -159,7 +185,7 @@ def find_unresolved_terms(scene: Scene, nodes: Array) -> Array:
     for key, matrix in matrices.items():
         terms = find_strongest_terms(matrix.coefficients[None], np.array([min(weight[key], 1.0)]))[0]
         strength[: terms.size] = np.maximum(strength[: terms.size], terms)
-    return strength[np.minimum(count_terms_carried(scene, 1) * nodes, strength.size - 1).astype(int)]
+    return TERM * strength[np.minimum(carried, strength.size - 1).astype(int)]
 
 
 def find_strongest_terms(coefficients: Array, albedo: Array) -> Array:
@@ -174,6 +200,6 @@ def find_strongest_terms(coefficients: Array, albedo: Array) -> Array:
 
 def list_short_ways(scene: Scene, tau: Array) -> list[float]:
     """Short optical ways: the thickness of all that scatters, the distance of depths from the nearer face."""
-    total = sum(layer.thickness for layer in scene.layers if layer.albedo > 0.0)
+    total = sum(find_scattering_thickness(scene).values())
     ways = [total, *np.minimum(tau, scene.thickness - tau).tolist()]
     return sorted({way for way in ways if 0.0 < way < 10.0})

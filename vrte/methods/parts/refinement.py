@@ -1,9 +1,11 @@
 """An accuracy without nodes: the request solved on neighbouring counts of nodes until their results agree.
 
-The difference between two counts of a fixed series counts as the error of the finer one, whose result is returned. All
-that was asked for is compared, of many azimuths a few. An estimate chooses where the series starts, nothing else.
+The difference between two counts of a fixed series is the error of the coarser one. The trend from one difference to
+the next bounds the error of the finest, whose result is returned. All that was asked for is compared, of many azimuths
+a few. An estimate chooses where the series starts and the grading, nothing else.
 """
 
+import math
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import replace
 
@@ -17,14 +19,18 @@ from vrte.discrete_ordinates.planning.choose_quadrature import (
     OF_NODES,
     choose_first_nodes,
     find_next_count,
+    find_scattering_thickness,
     find_unseen_share,
 )
 from vrte.methods.parts.method import Answer
 from vrte.request.request import Request
 from vrte.results.solution import NO_LIGHT, Solution
+from vrte.scene.scene import Scene
 
 AZIMUTHS = 9  # compared, at most
 ROUNDING, STALLED = 1e-9, 0.5  # differences below the former that do not fall to this part of the last are rounding
+STEADY = 0.1  # optical thickness of what scatters in a medium from which on errors fall steadily with more nodes
+LEAST_TREND = 0.1  # error of a count over that of the one before, at least, as far as it is believed
 Solve = Callable[[Sequence[Request]], Sequence[Answer]]
 
 
@@ -54,7 +60,8 @@ def refine_one(request: Request) -> Generator[Request, Answer | AccuracyError, A
                 differences[count] = measure_difference(request, coarse, seen)
                 unseen = find_unseen_share(request.scene, nodes, first.grading)
             coarse = seen
-        is_done = coarse is not None and has_converged(differences, unseen, accuracy)
+        error = max(unseen, estimate_error(differences, request.scene))
+        is_done = coarse is not None and has_converged(differences, error, accuracy)
         nodes, count = count, None if is_done else find_next_count(request.scene, count)
     if request.mu is None and not isinstance(answer, AccuracyError):  # light along the nodes themselves, at last
         answer = yield replace(request, nodes=nodes, grading=first.grading, refined=True)
@@ -62,7 +69,7 @@ def refine_one(request: Request) -> Generator[Request, Answer | AccuracyError, A
         raise answer
     mu, found = answer
     spent += [float(found.diagnostics["wall_seconds"])] if request.mu is None else []
-    achieved = [*differences.values()][-1] if differences else np.inf
+    achieved = estimate_error(differences, request.scene)
     steps = [f"{count}: {difference:.1g}" for count, difference in differences.items()]
     graded = f" with grading {first.grading}" if first.grading > 1 else ""
     notes = list(found.diagnostics.get("notes", ()))
@@ -76,11 +83,21 @@ def refine_one(request: Request) -> Generator[Request, Answer | AccuracyError, A
     return mu, replace(found, diagnostics=found.diagnostics | report)
 
 
-def has_converged(differences: dict[int, float], unseen: float, accuracy: float) -> bool:
-    """Whether the last two solutions agree to the accuracy, or to rounding."""
+def has_converged(differences: dict[int, float], error: float, accuracy: float) -> bool:
+    """Whether the last solution is right to the accuracy, or to rounding."""
     last = [*differences.values()][-2:]
-    stalled = len(last) == 2 and STALLED * last[0] < last[1] < ROUNDING
-    return stalled or (bool(last) and max(last[-1], unseen) <= AIM * accuracy)
+    return error <= AIM * accuracy or (len(last) == 2 and STALLED * last[0] < last[1] < ROUNDING)
+
+
+def estimate_error(differences: dict[int, float], scene: Scene) -> float:
+    """Of the finest count: the last difference, which is the error of the count before. Where errors fall steadily, not
+    with thin layers or surfaces, times the root of what it is of the difference before: errors are expected to
+    fall half as fast, on a logarithmic scale, as they did."""
+    before, last = [np.inf, np.inf, *differences.values()][-2:]
+    thinnest = min(find_scattering_thickness(scene).values(), default=np.inf)
+    if scene.keeps_beams or scene.is_rough or thinnest < STEADY or not 0.0 < last < before < np.inf:
+        return last
+    return last * max(math.sqrt(last / before), LEAST_TREND)
 
 
 def describe_unseen(share: float) -> str:
