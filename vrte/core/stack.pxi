@@ -117,6 +117,7 @@ cdef double residual_of(int m, int r, given matrix, given found, int ld, doubles
     return left / largest if largest > NO_LIGHT else 0.0
 
 
+# (2:8), (2:10)-(2:11)
 cdef int join_media_one(const void* task, int item, Workspace desk) noexcept nogil:
     cdef const Stack* t = <const Stack*>task
     cdef int n = t.n, r = t.r, last = t.n_piece, k, m, width = n, info, first
