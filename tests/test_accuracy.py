@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import vrte
-from bench import accuracy
+from bench import accuracy, cases
 from bench.accuracy import PROBES
 from bench.study import Study
 from tests import exact
@@ -152,6 +152,34 @@ def test_orders_to_come_are_not_judged_by_a_layer_of_other_particles(name: str) 
     for requested in (1e-4,) if more else (2e-3, 3e-6, 3e-9):
         got = vrte.radiance(scene, accuracy=requested, **call).stokes
         assert np.abs(got - right).max() <= requested * right[..., 0].max()
+
+
+HG = vrte.henyey_greenstein
+COVERED: dict[str, tuple[list[Any], vrte.Lambertian | None, int]] = {  # what lies under the surface, base, nodes
+    "clear spheres": ([PROBES["clear spheres, grazing beam"].scene.layers[0]], vrte.Lambertian(0.1), 24),
+    "coarse pigment": ([vrte.Layer(cases.find_phase_matrix("coarse pigment"), 0.1, 1.0)], None, 40),
+    "two media": (
+        [vrte.Layer(HG(0.71, 82), 0.5, 0.06), vrte.Interface(1.5, 1.95), vrte.Layer(HG(0.4, 31), 1.0, 0.25)],
+        vrte.Lambertian(0.3),
+        24,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", COVERED)
+def test_orders_under_smooth_surfaces_are_compared_with_light_that_gets_through_them(name: str) -> None:
+    """At mu0 = 0.02 less than 0.3 % does: beside a beam that no surface weakens, all orders are little."""
+    parts, base, nodes = COVERED[name]
+    scene = vrte.Scene([vrte.Interface(1.0, 1.5), *parts], base)
+    call: dict[str, Any] = {"mu_i": [0.02, 0.05], "mu_o": [0.02, 0.35, 0.6, 1.0], "phi": [0.0, 30.0, 90.0, 180.0]}
+    call |= {"transmission": True, "nodes": nodes, "grading": 1, "threads": 1}
+    right = vrte.brdf(scene, accuracy=1e-14, **call)
+    for requested in (1e-4, 1e-5, 1e-6, 1e-7, 1e-8):
+        got = vrte.brdf(scene, accuracy=requested, **call)
+        assert got.diagnostics["orders"] < right.diagnostics["orders"]
+        for one, other in ((got.mueller, right.mueller), (got.transmission, right.transmission)):
+            largest = other[..., 0, 0].max(axis=(1, 2), keepdims=True)[..., None, None]
+            assert (np.abs(one - other) <= 0.4 * requested * largest).all()
 
 
 def solve(scene: vrte.Scene, accuracy: float = 1e-6, mu0: float = 0.5, tau: float = 0.0) -> dict[str, Any]:

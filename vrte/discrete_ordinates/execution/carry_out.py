@@ -147,10 +147,13 @@ def carry_out_batch(plans: Sequence[Plan], engine: Engine, run: Run, steps: Step
 
 
 def make_task(plan: Plan) -> Task:
-    """A plan not begun."""
+    """A plan not begun. Under smooth surfaces the light of its orders is compared with light that is found alone: the
+    plan's bounds and brightness are both of beams that no surface has weakened."""
     request = plan.request
+    weakened = plan.problem.media is not None and not request.scene.is_rough
+    brightest = np.zeros_like(plan.brightest[0]) if weakened else plan.brightest[0]
     flux = np.zeros((2, plan.problem.level.size, request.mu0.size, request.columns.shape[0]))
-    return Task(plan, plan.brightest[0], plan.orders, flux, agreement=Agreement() if request.verify else None)
+    return Task(plan, brightest, plan.orders, flux, agreement=Agreement() if request.verify else None)
 
 
 def make_target(plan: Plan) -> Target:

@@ -47,24 +47,28 @@ class OrderBounds:
     bounds: Array
 
 
-def view_from_densest_medium(problem: Problem, mu: Array) -> tuple[Problem, Array]:
-    """The problem, and signed directions ``mu`` (n_mu,), as the densest of the media with particles in them sees light
-    that comes and goes: scattering there has no surfaces to get through."""
+def list_views(problem: Problem, mu: Array) -> list[tuple[Problem, Array, IntArray]]:
+    """The problem, and signed directions ``mu`` (n_mu,), as each of the media with particles in them sees light that
+    comes and goes, for depths in each medium, and which depths these are: scattering there has no surfaces to get
+    through. The densest medium last."""
     if problem.media is None:
-        return problem, mu
-    scene = problem.media.scene
-    index = max(scene.indices)
-    place = 1 + scene.indices.index(index)
+        return [(problem, mu, np.arange(problem.level_layer.size, dtype=np.int32))]
+    scene, views = problem.media.scene, []
+    lies_in = problem.media.depths.medium(scene.media)
+    for index in sorted(set(scene.indices)):
+        place = 1 + scene.indices.index(index)
 
-    def refract(medium: float, cosines: Array) -> Array:
-        found = find_cosines(scene.media, medium, cosines)[place]
-        return np.where(found > 0.0, found, 1.0)
+        def refract(medium: float, cosines: Array, place: int = place) -> Array:
+            found = find_cosines(scene.media, medium, cosines)[place]
+            return np.where(found > 0.0, found, 1.0)
 
-    outside = float(problem.media.depths.medium(scene.media)[0])
-    inside = replace_unchecked(
-        problem, media=None, mu0=refract(scene.index_above, problem.mu0), mu_out=refract(outside, problem.mu_out)
-    )
-    return inside, np.sign(mu) * refract(outside, np.abs(mu))
+        into = refract(scene.index_above, problem.mu0)
+        for medium in dict.fromkeys(lies_in.tolist()):
+            out = refract(medium, problem.mu_out)
+            seen, levels = np.sign(mu) * refract(medium, np.abs(mu)), np.flatnonzero(lies_in == medium)
+            inside = replace_unchecked(problem, media=None, mu0=into, mu_out=out)
+            views.append((inside, seen, levels.astype(np.int32)))
+    return views
 
 
 def find_order_bounds(problem: Problem, run: Run) -> OrderBounds:

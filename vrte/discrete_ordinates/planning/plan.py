@@ -48,7 +48,7 @@ from vrte.discrete_ordinates.planning.order_bounds import (
     find_bounds_at,
     find_brightness,
     find_order_bounds,
-    view_from_densest_medium,
+    list_views,
 )
 from vrte.discrete_ordinates.planning.plan_table import list_plan_facts, write_numbers, write_plan
 from vrte.optics.facet_integrals import FINEST as FINEST_OF_FACETS
@@ -94,7 +94,8 @@ class Plan:
     bounds
         Bounds on each Fourier order, (scene, order, n_tau, 1).
     brightest
-        The light that they are compared with, (scene, n_tau, n_in).
+        The light that they are compared with, (scene, n_tau, n_in); under smooth surfaces both are of a beam of unit
+        radiance within the densest medium.
     wanted
         What is to be given back.
     orders
@@ -356,8 +357,7 @@ def make_plan(
     problem = discretise_scenes([scene], *into, [truncation.peaks], request.under, grading, truncation.whole)
     if skip_flags != EVERYTHING:
         problem = replace_unchecked(problem, skip_flags=skip_flags)
-    within, seen = view_from_densest_medium(problem, mu)
-    needs, bounds, brightest = look_at_orders([scene], within, seen, request, run)
+    needs, bounds, brightest = look_at_orders([scene], problem, mu, request, run)
     uneven = couples_orders(problem, scene.below)
     careful: tuple[float, ...] = CAREFUL
     if scene.is_rough and not uneven and not request.fluxes_only:
@@ -399,8 +399,7 @@ def plan_scenes(request: Request, scenes: Sequence[Scene], run: Run) -> tuple[Pl
     ]
     peaks = [truncation.peaks for truncation in truncations]
     problem = discretise_scenes(scenes, request.mu0, request.columns, mu, tau, choice.nodes, peaks)
-    within, seen = view_from_densest_medium(problem, mu)
-    needs, bounds, brightest = look_at_orders(scenes, within, seen, request, run)
+    needs, bounds, brightest = look_at_orders(scenes, problem, mu, request, run)
     counts = count_orders_that_matter(bounds, brightest, accuracy)
     if request.fluxes_only:
         counts = np.ones_like(counts)
@@ -423,13 +422,19 @@ def stack_depths(request: Request, scenes: Sequence[Scene]) -> Array:
 def look_at_orders(
     scenes: Sequence[Scene], problem: Problem, mu: Array, request: Request, run: Run
 ) -> tuple[OrderBounds, Array, Array]:
-    """What multiple scattering of each order can do, in all and at each depth, (scene, order, n_tau, 1), and the light
-    there, (scene, n_tau, n_in); along the directions ``mu``."""
-    needs = find_order_bounds(problem, run)
+    """What multiple scattering of each order can do, in all and at each depth, (scene, order, n_tau, 1), whichever
+    medium it is scattered in, and the light there, (scene, n_tau, n_in); along the directions ``mu``."""
+    views = list_views(problem, mu)
+    ways = {name: [getattr(inside, name) for inside, _, _ in views] for name in ("mu_out", "mu0")}
+    every = {name: np.unique(np.concatenate(parts)) for name, parts in ways.items()} if problem.media else {}
+    needs = find_order_bounds(replace_unchecked(problem, **every), run)
     # mirrored light decays no more the deeper it is
     depth = np.zeros(problem.level.size) if request.scene.keeps_beams else problem.depth
     bounds = find_bounds_at(needs, depth.reshape(problem.scenes, -1))
-    return needs, bounds, find_brightness(scenes, problem, mu, request.phi, run)
+    brightest = np.zeros((problem.scenes, problem.level_layer.size, problem.mu0.size))
+    for inside, seen, levels in views:  # the densest medium last: its light stays
+        brightest[:, levels] = find_brightness(scenes, inside, seen, request.phi, run)[:, levels]
+    return needs, bounds, brightest
 
 
 def is_worth_stages(problem: Problem, orders: int) -> bool:
