@@ -81,7 +81,7 @@ ORDINATES = list_faults(
      "orders to come are taken for weaker than those that were seen", "plan accuracy"),
     ("weakened", "discrete_ordinates/execution/carry_out.py", "weakened = plan", "weakened = False and plan",
      "orders under a surface are compared with a beam that it has not weakened", "accuracy"),
-    ("ways", "discrete_ordinates/planning/plan.py", "np.unique(np.concatenate(parts))", "np.unique(parts[0])",
+    ("ways", "discrete_ordinates/planning/plan.py", "(np.concatenate(parts) for", "(parts[0] for",
      "orders below a surface are bounded along directions above it", "accuracy"),
     ("lowest-node", "discrete_ordinates/planning/choice.py", "SHARE_OF_STEEP = 0.3", "SHARE_OF_STEEP = 1e9",
      "modes are given nodes along which they lose digits", "discrete_ordinates"),

@@ -1,5 +1,6 @@
 """What multiple scattering of each Fourier order can do, known beforehand: how much of a scene matters."""
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ from vrte.basics import cost
 from vrte.basics.arrays import Array, BoolArray, IntArray, replace_unchecked
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
+from vrte.discrete_ordinates.orders.single_interface import replace_dark
 from vrte.discrete_ordinates.orders.single_scattering import find_scatterers
 from vrte.scene.beams import find_cosines
 from vrte.scene.scene import Scene
@@ -47,27 +49,19 @@ class OrderBounds:
     bounds: Array
 
 
-def list_views(problem: Problem, mu: Array) -> list[tuple[Problem, Array, IntArray]]:
+def list_views(problem: Problem, mu: Array) -> list[tuple[Problem, Array, BoolArray]]:
     """The problem, and signed directions ``mu`` (n_mu,), as each of the media with particles in them sees light that
-    comes and goes, for depths in each medium, and which depths these are: scattering there has no surfaces to get
-    through. The densest medium last."""
+    comes and goes, the densest last, and for which depths (n_tau,): scattering there has no surfaces to get through."""
     if problem.media is None:
-        return [(problem, mu, np.arange(problem.level_layer.size, dtype=np.int32))]
+        return [(problem, mu, np.ones(problem.level_layer.size, bool))]
     scene, views = problem.media.scene, []
     lies_in = problem.media.depths.medium(scene.media)
-    for index in sorted(set(scene.indices)):
+    for index, medium in itertools.product(sorted(set(scene.indices)), dict.fromkeys(lies_in.tolist())):
+        ways = (scene.index_above, problem.mu0), (medium, problem.mu_out), (medium, np.abs(mu))
         place = 1 + scene.indices.index(index)
-
-        def refract(medium: float, cosines: Array, place: int = place) -> Array:
-            found = find_cosines(scene.media, medium, cosines)[place]
-            return np.where(found > 0.0, found, 1.0)
-
-        into = refract(scene.index_above, problem.mu0)
-        for medium in dict.fromkeys(lies_in.tolist()):
-            out = refract(medium, problem.mu_out)
-            seen, levels = np.sign(mu) * refract(medium, np.abs(mu)), np.flatnonzero(lies_in == medium)
-            inside = replace_unchecked(problem, media=None, mu0=into, mu_out=out)
-            views.append((inside, seen, levels.astype(np.int32)))
+        into, out, seen = (replace_dark(find_cosines(scene.media, *way)[place]) for way in ways)
+        inside = replace_unchecked(problem, media=None, mu0=into, mu_out=out)
+        views.append((inside, np.sign(mu) * seen, lies_in == medium))
     return views
 
 

@@ -94,8 +94,7 @@ class Plan:
     bounds
         Bounds on each Fourier order, (scene, order, n_tau, 1).
     brightest
-        The light that they are compared with, (scene, n_tau, n_in); under smooth surfaces both are of a beam of unit
-        radiance within the densest medium.
+        The light they are compared with, (scene, n_tau, n_in); under smooth surfaces both of a unit beam within.
     wanted
         What is to be given back.
     orders
@@ -425,9 +424,8 @@ def look_at_orders(
     """What multiple scattering of each order can do, in all and at each depth, (scene, order, n_tau, 1), whichever
     medium it is scattered in, and the light there, (scene, n_tau, n_in); along the directions ``mu``."""
     views = list_views(problem, mu)
-    ways = {name: [getattr(inside, name) for inside, _, _ in views] for name in ("mu_out", "mu0")}
-    every = {name: np.unique(np.concatenate(parts)) for name, parts in ways.items()} if problem.media else {}
-    needs = find_order_bounds(replace_unchecked(problem, **every), run)
+    out, into = (np.concatenate(parts) for parts in zip(*((one.mu_out, one.mu0) for one, _, _ in views), strict=True))
+    needs = find_order_bounds(replace_unchecked(problem, mu_out=out, mu0=into), run)
     # mirrored light decays no more the deeper it is
     depth = np.zeros(problem.level.size) if request.scene.keeps_beams else problem.depth
     bounds = find_bounds_at(needs, depth.reshape(problem.scenes, -1))
