@@ -49,7 +49,7 @@ def run(*command: str | Path, folder: Path, environment: dict[str, str] | None =
 def copy_of_the_sources(folder: Path) -> Path:
     """The checkout without anything that was built or written in it."""
     unwanted = shutil.ignore_patterns("*.so", "*.c", "__pycache__", "*.egg-info")
-    for name in ("vrte", "tests", "examples"):
+    for name in ("vrte", "tests", "bench", "examples"):
         shutil.copytree(ROOT / name, folder / name, ignore=unwanted)
     for name in SOURCES:
         shutil.copy2(ROOT / name, folder / name)
