@@ -314,6 +314,8 @@ def open_session(device: Any, lanes: int | None = None, precision: str = "double
 def build_for(context: Any, lanes: int, precision: str) -> Kernels:
     """The kernels of a precision for work-groups of so many lanes, compiled."""
     options = *OPTIONS_OF[precision], "-D", f"LANES={lanes}"
+    if lanes > 1 and "Portable Computing Language" in context.devices[0].platform.name:
+        options = *options, "-cl-opt-disable"  # with them PoCL 3.0 gives wrong numbers where lists have barriers
     return build_kernels(context, read_sources(precision), options, REALS[precision])
 
 
