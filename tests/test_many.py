@@ -73,6 +73,16 @@ def test_each_is_as_by_itself_whatever_threads_and_batches(monkeypatch):
         assert np.array_equal(one.mueller, other.mueller)
 
 
+def test_the_last_scene_of_a_batch_may_be_alone(monkeypatch):
+    """In tables that are too large to be made in the caller's thread."""
+    monkeypatch.setattr(alike, "BATCH_BYTES", 1.0)
+    mu, scenes = np.linspace(0.05, 1.0, 40), [vrte.Scene([layer(albedo=albedo)]) for albedo in (0.5, 0.6, 0.7)]
+    together = vrte.brdfs(scenes, mu, mu, PHI, **HOW)
+    assert [found.diagnostics["solved_together"] for found in together] == [2, 2, 1]
+    for scene, found in zip(scenes, together, strict=True):
+        assert_same(found, vrte.brdf(scene, mu, mu, PHI, **HOW))
+
+
 def make_films(base=None):
     """Under one smooth surface: thin and thick, white and absorbing, with a forward peak that few nodes cut."""
     peaked = vrte.henyey_greenstein(0.7)

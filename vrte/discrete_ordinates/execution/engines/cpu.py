@@ -290,8 +290,11 @@ def solve_in_one_call(pieces: Sequence[Piece], run: Run, told: Callable[[int], N
 
 
 def solve_scenes(block: Block, accuracy: float, run: Run) -> Orders:
-    """A block of orders of many scenes under one surface: whoever asks looks at the residuals of each."""
+    """A block of orders of many scenes: whoever asks looks at the residuals of each."""
     assert block.wanted is not None
+    if block.problem.media is None:
+        (together,) = solve_together([(block.problem, block.base, block.orders, block.wanted)], accuracy, run)
+        return together
     route: Any = make_route("modes", block.problem, block.base, int(block.orders[-1]) + 1, accuracy)
     found: Orders = route.solve_scenes(block.orders, block.wanted, run)
     return found
