@@ -236,7 +236,7 @@ def test_a_stack_of_media_is_one_linear_system(has_base: bool) -> None:
     random, N, S, r, orders = np.random.default_rng(5), 4, 2, 3, 2
     n, sizes, kind = N * S, [4, 8, 8, 6], np.array([1, 1, 0, 2, 1 - has_base], np.int32)
     slabs = [0.3 * random.standard_normal((orders, 2, m, m)) for m in sizes]
-    joints = [
+    interfaces = [
         None if k == 0 else 0.3 * random.standard_normal((1, 4, n, S) if k == 1 else (orders, 4, n, n))
         for k in kind.tolist()
     ]
@@ -250,7 +250,7 @@ def test_a_stack_of_media_is_one_linear_system(has_base: bool) -> None:
     sources = light.copy()
     residual, info = np.zeros(orders), np.zeros(orders, np.int32)
     with Run(1).timed("joining") as crew:
-        named = {"slabs": slabs, "joints": joints, "kind": kind, "base_row": row, "base": base, "stokes": S}
+        named = {"slabs": slabs, "interfaces": interfaces, "kind": kind, "base_row": row, "base": base, "stokes": S}
         _core.join_media(crew, **named, light=light, residual=residual, info=info)
     rising, arriving, leaving, entering = range(4)
     for order in range(orders):
@@ -262,7 +262,7 @@ def test_a_stack_of_media_is_one_linear_system(has_base: bool) -> None:
                 ends = (rising, arriving)[way], (arriving, rising)[way]
                 system[k + (ends[0] == arriving), ends[0], :, k, entering] -= matrix
                 system[k + (ends[1] == arriving), ends[1], :, k + 1, leaving] -= matrix
-        for k, part in enumerate(joints):
+        for k, part in enumerate(interfaces):
             open_ = float(part is None and not (has_base and k == len(sizes) and row[order] >= 0))
             ways = [np.zeros((n, n)), np.zeros((n, n)), open_ * np.eye(n), open_ * np.eye(n)]
             if part is not None and kind[k] == 2:
@@ -285,8 +285,8 @@ def test_a_stack_of_media_is_one_linear_system(has_base: bool) -> None:
     assert 0.0 < residual.max() < 1e-13
     slabs[1][:] = 0.0
     slabs[1][:, 0] = np.eye(8)  # light that nothing absorbs between mirrors
-    joints[1] = np.zeros((1, 4, n, S))
-    joints[1][0, 1] = np.tile(np.eye(S), (N, 1))
+    interfaces[1] = np.zeros((1, 4, n, S))
+    interfaces[1][0, 1] = np.tile(np.eye(S), (N, 1))
     with Run(1).timed("joining") as crew:
         _core.join_media(crew, **named, light=light, residual=residual, info=info)
     assert info.all()

@@ -11,7 +11,7 @@ cdef enum: ABOVE, BELOW, DOWN, UP                  # matrices of an interface: r
 cdef enum: CUT, SMOOTH, ROUGH                      # kinds of interfaces
 
 
-cdef struct Joint:
+cdef struct InterfaceOperators:
     # one interface: blocks (4, N, S, S), rows first, of a smooth one, matrices (4, n, n), by columns, of a rough one
     int kind, n, stokes
     given matrices
@@ -21,25 +21,25 @@ cdef struct Stack:
     int n, stokes, r, n_piece, base_size
     given_ints size, kind, base_row
     const size_t* slabs
-    const size_t* joints
+    const size_t* interfaces
     given base
     doubles light, residual
 
 
-def join_media(crew, *, list slabs, list joints, const int[::1] kind, const int[::1] base_row,
+def join_media(crew, *, list slabs, list interfaces, const int[::1] kind, const int[::1] base_row,
                const double[:, :, ::1] base, int stokes, double[:, :, :, :, ::1] light, double[::1] residual,
                int[::1] info):
     """All light on the nodes of a stack, one Fourier order after another, of what sets out there.
 
-    slabs: for each piece, top first, R and T of its slab (order, 2, m, m), on the last m of n nodes; joints: for each
-    interface, the first above and the last below the pieces, None for a mere cut, (1, 4, n, S) of a smooth one, rows
+    slabs: for each piece, top first, R and T of its slab (order, 2, m, m), on the last m of n nodes; interfaces: the
+    first above and the last below the pieces, None for a mere cut, (1, 4, n, S) of a smooth one, rows
     first, or (order, 4, n, n) of a rough one: reflected from above, from below, transmitted down, up; kind
     (interface,): 0, 1 or 2 of these. base_row (order,): row of base (row, m, m), or -1 for black. light (order,
     interface, 4, r, n): what sets out coming up below an interface, down above it, and, not at mere cuts, going up
     above it, down below it; replaced by all light there. residual (order,): of the systems, relative.
     """
     cdef int n_piece = <int>kind.shape[0] - 1, k, n = <int>light.shape[4]
-    cdef size_t[::1] at_slab = np.empty(n_piece, np.uintp), at_joint = np.zeros(n_piece + 1, np.uintp)
+    cdef size_t[::1] at_slab = np.empty(n_piece, np.uintp), at_interface = np.zeros(n_piece + 1, np.uintp)
     cdef int[::1] size = np.empty(n_piece, np.int32)
     cdef const double[:, :, :, ::1] one
     for k in range(n_piece):
@@ -47,26 +47,26 @@ def join_media(crew, *, list slabs, list joints, const int[::1] kind, const int[
         at_slab[k], size[k] = <size_t>&one[0, 0, 0, 0], <int>one.shape[3]
     for k in range(n_piece + 1):
         if kind[k] != CUT:
-            one = joints[k]
-            at_joint[k] = <size_t>&one[0, 0, 0, 0]
+            one = interfaces[k]
+            at_interface[k] = <size_t>&one[0, 0, 0, 0]
     cdef Stack task = Stack(n, stokes, <int>light.shape[3], n_piece, <int>base.shape[2], &size[0], &kind[0],
-                            &base_row[0], &at_slab[0], &at_joint[0], &base[0, 0, 0], &light[0, 0, 0, 0, 0],
+                            &base_row[0], &at_slab[0], &at_interface[0], &base[0, 0, 0], &light[0, 0, 0, 0, 0],
                             &residual[0])
     run_items(crew, join_media_one, &task, <int>light.shape[0], stack_work(n, n_piece, task.r), n + n_piece, &info[0])
 
 
-cdef inline Joint joint_at(const Stack* t, int k, int item) noexcept nogil:
-    cdef given matrices = <given>t.joints[k]
+cdef inline InterfaceOperators interface_at(const Stack* t, int k, int item) noexcept nogil:
+    cdef given matrices = <given>t.interfaces[k]
     if t.kind[k] == ROUGH:
         matrices += <size_t>4 * item * t.n * t.n
-    return Joint(t.kind[k], t.n, t.stokes, matrices)
+    return InterfaceOperators(t.kind[k], t.n, t.stokes, matrices)
 
 
-cdef void share(Joint joint, int way, int columns, given field, doubles out) noexcept nogil:
+cdef void share(InterfaceOperators interface, int way, int columns, given field, doubles out) noexcept nogil:
     """out += what an interface makes of light (n, columns)."""
-    cdef int n = joint.n, s = joint.stokes, i, j, a, b
-    cdef given matrix = joint.matrices + <size_t>way * n * (n if joint.kind == ROUGH else s), block
-    if joint.kind == ROUGH:
+    cdef int n = interface.n, s = interface.stokes, i, j, a, b
+    cdef given matrix = interface.matrices + <size_t>way * n * (n if interface.kind == ROUGH else s), block
+    if interface.kind == ROUGH:
         multiply(n, columns, n, 1.0, matrix, field, 1.0, out)
         return
     for j in range(columns):
@@ -77,12 +77,12 @@ cdef void share(Joint joint, int way, int columns, given field, doubles out) noe
                     out[<size_t>j * n + i * s + a] += block[a * s + b] * field[<size_t>j * n + i * s + b]
 
 
-cdef void share_columns(Joint joint, int way, double factor, given field, doubles out) noexcept nogil:
+cdef void share_columns(InterfaceOperators interface, int way, double factor, given field, doubles out) noexcept nogil:
     """out += factor times a matrix (n, n) times what an interface does."""
-    cdef int n = joint.n, s = joint.stokes, i, j, a, b
+    cdef int n = interface.n, s = interface.stokes, i, j, a, b
     cdef double value
-    cdef given matrix = joint.matrices + <size_t>way * n * (n if joint.kind == ROUGH else s)
-    if joint.kind == ROUGH:
+    cdef given matrix = interface.matrices + <size_t>way * n * (n if interface.kind == ROUGH else s)
+    if interface.kind == ROUGH:
         multiply(n, n, n, factor, field, matrix, 1.0, out)
         return
     for j in range(n // s):
@@ -128,7 +128,7 @@ cdef int join_media_one(const void* task, int item, Workspace desk) noexcept nog
     cdef doubles below = v + (last + 1) * nr, M = below + nn, kept = M + nn, spare = kept + nn, through = spare + nn
     cdef doubles own = through + nn, right = own + nr
     cdef given R, T
-    cdef Joint joint
+    cdef InterfaceOperators interface
     cdef doubles here
     cdef ints pivots = desk.pivots, meets = pivots + n           # whether anything below a piece sends light back
     cdef bint seen = t.base_row[item] >= 0, looks
@@ -142,7 +142,7 @@ cdef int join_media_one(const void* task, int item, Workspace desk) noexcept nog
         set_zero(nn, M)
         for k in range(n):
             M[<size_t>k * n + k] = 1.0
-        share(joint_at(t, last, item), ABOVE, n, M, below)
+        share(interface_at(t, last, item), ABOVE, n, M, below)
         seen = True
     width = n
     copy(nr, light + (<size_t>4 * last + LEAVING) * nr, own)
@@ -183,7 +183,7 @@ cdef int join_media_one(const void* task, int item, Workspace desk) noexcept nog
         if t.kind[k] == CUT:
             continue
         # the interface upon that
-        joint, here = joint_at(t, k, item), v + k * nr
+        interface, here = interface_at(t, k, item), v + k * nr
         resize(width, n, below, spare)
         width = n
         copy(nr, own, here)
@@ -191,7 +191,7 @@ cdef int join_media_one(const void* task, int item, Workspace desk) noexcept nog
         set_zero(nn, M)
         for m in range(n):
             M[<size_t>m * n + m] = 1.0
-        share_columns(joint, BELOW, -1.0, below, M)
+        share_columns(interface, BELOW, -1.0, below, M)
         copy(nn, M, kept)
         info = factorise(n, M, n, pivots)
         if info != 0:
@@ -200,22 +200,22 @@ cdef int join_media_one(const void* task, int item, Workspace desk) noexcept nog
         solve(n, r, M, pivots, here, n)
         worst = max(worst, residual_of(n, r, kept, here, n, right))
         copy(nr, light + (<size_t>4 * k + LEAVING) * nr, own)
-        share(joint, UP, r, here, own)
+        share(interface, UP, r, here, own)
         if k > 0:
             copy(nn, below, U + k * nn)
             solve(n, n, M, pivots, U + k * nn, n)
             set_zero(2 * nn, spare)                                     # and through
-            share_columns(joint, DOWN, 1.0, U + k * nn, spare)
+            share_columns(interface, DOWN, 1.0, U + k * nn, spare)
             set_zero(nn, below)
             for m in range(n):
                 through[<size_t>m * n + m] = 1.0
-            share(joint, ABOVE, n, through, below)
-            share(joint, UP, n, spare, below)
+            share(interface, ABOVE, n, through, below)
+            share(interface, UP, n, spare, below)
     t.residual[item] = worst
     copy(nr, own, light + LEAVING * nr)
     for k in range(last + 1):
         here = light + <size_t>4 * k * nr
-        joint = joint_at(t, k, item)
+        interface = interface_at(t, k, item)
         if t.kind[k] == CUT:
             if k < last:
                 copy(nr, here + LEAVING * nr, here + RISING * nr)
@@ -224,12 +224,12 @@ cdef int join_media_one(const void* task, int item, Workspace desk) noexcept nog
                     here[ENTERING * nr + i] += here[ARRIVING * nr + i]
         else:
             set_zero(nr, right)
-            share(joint, DOWN, r, here + ARRIVING * nr, right)
+            share(interface, DOWN, r, here + ARRIVING * nr, right)
             if k < last:
                 copy(nr, v + k * nr, here + RISING * nr)
                 if k > 0:
                     multiply(n, r, n, 1.0, U + k * nn, right, 1.0, here + RISING * nr)
-                share(joint, BELOW, r, here + RISING * nr, right)
+                share(interface, BELOW, r, here + RISING * nr, right)
             for i in range(nr):
                 here[ENTERING * nr + i] += right[i]
         if k == last:

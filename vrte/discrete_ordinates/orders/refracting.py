@@ -136,10 +136,15 @@ class Refracting(BeamPaths):
             nodes = np.ascontiguousarray(response.nodes.swapaxes(-1, -2))
             for piece, own in zip(medium.pieces.tolist(), medium.of.tolist(), strict=True):
                 pieces[piece] = nodes[own]
-        joints, kind = list(self.blocks), np.array([CUT if part is None else SMOOTH for part in self.blocks], np.int32)
+        interfaces, kind = (
+            list(self.blocks),
+            np.array([CUT if part is None else SMOOTH for part in self.blocks], np.int32),
+        )
         for index, rough in self.rough_interfaces.items():
             ways = (rough.above, rough.below, rough.down, rough.up)
-            joints[index] = np.ascontiguousarray(np.stack([way.nodes[orders] for way in ways], axis=1).swapaxes(-1, -2))
+            interfaces[index] = np.ascontiguousarray(
+                np.stack([way.nodes[orders] for way in ways], axis=1).swapaxes(-1, -2)
+            )
             kind[index] = ROUGH
         residual, info = np.zeros(orders.size), np.zeros(orders.size, np.int32)
         none = np.full(orders.size, -1, np.int32)
@@ -147,7 +152,7 @@ class Refracting(BeamPaths):
             _core.join_media(
                 crew,
                 slabs=pieces,
-                joints=joints,
+                interfaces=interfaces,
                 kind=kind,
                 base_row=none if self.base is None else self.base.row[orders],
                 base=np.zeros((1, 1, 1)) if self.base is None else self.base.matrix,
