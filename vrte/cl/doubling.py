@@ -47,12 +47,12 @@ class Sizes(Placed):
 
     @property
     def numbers(self) -> int:
-        """Of a matrix."""
+        """How many numbers an extended matrix takes, padding included."""
         return pad_to_strips(self.ld * (self.n + self.r) + self.o + self.r)
 
     @property
     def place(self) -> tuple[Any, ...]:
-        """SIZES of the kernels."""
+        """The sizes, in the order of the kernels' arguments SIZES."""
         return self.n, self.p, self.r, self.o, self.ld, self.stokes
 
 

@@ -351,7 +351,7 @@ class OrderOfStack:
 
 
 def take_order(response: Response, index: int) -> Response:
-    """One of the orders."""
+    """The response of slabs in one of the orders, by its place among them."""
     one = slice(index, index + 1)
     return Response(
         response.nodes[:, one], response.entering[:, one], response.leaving[:, one], response.passing[:, one]

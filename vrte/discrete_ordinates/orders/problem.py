@@ -137,7 +137,7 @@ class Problem:
 
     @property
     def layers(self) -> int:
-        """Layers of each scene."""
+        """How many layers each scene has."""
         return self.albedo.size // self.scenes
 
     @property

@@ -125,7 +125,7 @@ class Refracting(BeamPaths):
         return Orders(kernels, fluxes[0].reshape(tail), fluxes[1].reshape(tail), residuals)
 
     def find_slabs(self, orders: IntArray, run: Run) -> Slabs:
-        """Those of each medium."""
+        """The slabs of each medium with their responses in the orders."""
         return [(one, self.respond(one.problem, one.material, one.thickness, orders, run)) for one in self.each]
 
     def join(self, orders: IntArray, slabs: Slabs, light: Array, run: Run) -> Array:

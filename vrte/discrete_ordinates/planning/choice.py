@@ -123,7 +123,7 @@ class DoublingSteps:
     slabs: Array
 
     def select_scene(self, index: int) -> "DoublingSteps":
-        """Of one scene."""
+        """The steps of one of the scenes."""
         return DoublingSteps(self.thin[index], self.thick[index], self.steps[index], self.slabs[index])
 
 
