@@ -16,6 +16,23 @@ cdef inline double norm_of_coefficients(given c) noexcept nogil:
     return max(first, max(fabs(c[2]), fabs(c[3])) + fabs(c[5]))
 
 
+cdef void add_at_depths(const Arrays* t, int scene, int m, double q) noexcept nogil:
+    """The bound of an order of a scene at its depths. It decays at least as fast as e^(-kappa tau), kappa < 1 - q: it
+    is bound e^(-kappa tau)/((1 - kappa) (1 - q/(1 - kappa))), the least of it for kappa = rates (1 - q)."""
+    cdef given depths = t.depths + <size_t>scene * t.n_level
+    cdef size_t item = <size_t>scene * t.n_term + m
+    cdef double kappa, rest, least
+    cdef int k, d
+    for k in range(t.n_level if t.bounds[item] > 0.0 else 0):
+        least = INFINITY
+        for d in range(t.n_rate):
+            kappa = t.rates[d] * (1.0 - q)
+            rest = 1.0 - kappa - q
+            if rest > 0.0:
+                least = min(least, exp(-kappa * depths[k]) / rest)
+        t.added[item * t.n_level + k] = t.bounds[item] * least
+
+
 cdef int order_bounds_one(const void* task, int m, Workspace desk) noexcept nogil:
     cdef const Arrays* b = <const Arrays*>task
     cdef int n_term = b.n_term, n_all = b.n_all, n_node = b.n_node, n_out = b.n_out
@@ -25,7 +42,7 @@ cdef int order_bounds_one(const void* task, int m, Workspace desk) noexcept nogi
     cdef doubles u = norms + <size_t>n_all * n_term
     cdef doubles size = u + n_all
     cdef int l, i, layer, slab_stack
-    cdef double worst_u, worst_v, factor
+    cdef double worst_u, worst_v, factor, largest
     cdef given p
     cdef doubles norm, q, bound
     spherical(m, n_term, b.polar, directions, n_all, prt)
@@ -42,7 +59,7 @@ cdef int order_bounds_one(const void* task, int m, Workspace desk) noexcept nogi
         slab_stack = layer // b.n_layer
         bound = b.bounds + <size_t>slab_stack * n_term + m
         if layer % b.n_layer == 0:
-            bound[0] = 0.0
+            bound[0] = largest = 0.0
         worst_u = worst_v = 0.0
         q = b.strength + <size_t>layer * n_term + m
         q[0] = 0.0
@@ -59,28 +76,29 @@ cdef int order_bounds_one(const void* task, int m, Workspace desk) noexcept nogi
         for i in range(n_node + n_out, n_all):
             worst_v = max(worst_v, u[i] * directions[i])
         bound[0] = max(bound[0], sqrt(worst_u * worst_v) / (16.0 * PI))
+        largest = max(largest, q[0])
+        if layer % b.n_layer == b.n_layer - 1:
+            add_at_depths(b, slab_stack, m, min(largest, 1.0))
     return 0
 
 
-cdef Job bounds_at_job(Arrays* t) noexcept nogil:
-    return Job(<size_t>t.slab_stacks * t.n_term, 0, 0)
+cdef Job couplings_job(Arrays* t) noexcept nogil:
+    return Job(t.slab_stacks, 0, 0)
 
 
-cdef int bounds_at_one(const void* task, int item, Workspace desk) noexcept nogil:
-    """Of one order of a scene. It decays with depth at least as fast as e^(-kappa tau), kappa < 1 - q: its bound there
-    is bound e^(-kappa tau)/((1 - kappa) (1 - q/(1 - kappa))), the least of it for kappa = rates (1 - q)."""
+cdef int couplings_one(const void* task, int scene, Workspace desk) noexcept nogil:
     cdef const Arrays* t = <const Arrays*>task
-    cdef given depths = t.depths + <size_t>(item // t.n_term) * t.n_level
-    cdef double q = min(t.strength[item], 1.0), kappa, rest, least
-    cdef int k, d
-    for k in range(t.n_level if t.bounds[item] > 0.0 else 0):
-        least = INFINITY
-        for d in range(t.n_rate):
-            kappa = t.rates[d] * (1.0 - q)
-            rest = 1.0 - kappa - q
-            if rest > 0.0:
-                least = min(least, exp(-kappa * depths[k]) / rest)
-        t.added[<size_t>item * t.n_level + k] = t.bounds[item] * least
+    cdef ints present = t.present + <size_t>scene * t.n_term
+    cdef given c
+    cdef int layer, l, i
+    for layer in range(scene * t.n_layer, (scene + 1) * t.n_layer):
+        for l in range(t.n_term if t.albedo[layer] > 0.0 else 0):
+            c = t.coefficients + (<size_t>layer * t.n_term + l) * 6
+            for i in range(5):
+                if c[1 + i] != 0.0:
+                    present[l] |= 1 << i
+    for l in range(t.n_term - 2, -1, -1):
+        present[l] |= present[l + 1]
     return 0
 
 

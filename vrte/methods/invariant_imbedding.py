@@ -44,7 +44,7 @@ def predict_operations(task: Task) -> float:
     problem = task.problem
     n, r, c = count_sizes(task.request, task.problem)
     finite = np.where(np.isfinite(problem.thickness), problem.thickness, 0.0)
-    strength = np.minimum(find_order_bounds(problem, task.run).by_layer, 1.0)  # (layer, order)
+    strength = np.minimum(find_order_bounds(problem, task.run)[0].by_layer, 1.0)  # (layer, order)
     steps = cost.LEAST_STEPS * problem.albedo.size + cost.STEPS_A_DEPTH * (finite @ strength)
     sweep = STEP_POINTS * ((2.0 * n * n + 8.0 * r * n) * c + 40.0 * STEP_POINTS * r * c)
     return float(steps.sum()) * cost.SWEEPS * (sweep + 10.0 * cost.OVERHEAD)

@@ -125,7 +125,7 @@ def predict_operations(task: Task) -> float:
     media = task.request.scene.media
     # of what comes to a surface from within, about so much gets out
     kept = 1.0 - min(0.5, math.pi**2 / (3.0 * (depth + 1.42) ** 2)) * (min(media) / max(media)) ** 2
-    ratio = np.clip(find_order_bounds(problem, task.run).strength[0] * kept, 1e-6, 1.0 - 1e-9)
+    ratio = np.clip(find_order_bounds(problem, task.run)[0].strength[0] * kept, 1e-6, 1.0 - 1e-9)
     scatterings = np.minimum(settings["orders"], 1.0 + math.log(settings["tolerance"]) / np.log(ratio)).sum()
     a_row = levels * (8.0 * n + 4.0 * (POINTS + 1)) * problem.n_rhs
     return float(scatterings) * (n * a_row * 2.0 + levels / POINTS * cost.OVERHEAD / 30.0)

@@ -18,7 +18,7 @@ from vrte.discrete_ordinates.execution.through_interfaces import list_vertices, 
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.single_scattering import add_base_reflected, find_scatterers, scatter_by_orders
 from vrte.discrete_ordinates.orders.small_angle import Anisotropic
-from vrte.discrete_ordinates.planning.azimuths import Azimuths, compute_cos_sin
+from vrte.discrete_ordinates.planning.azimuths import Azimuths
 from vrte.request.wanted import Wanted
 from vrte.scene.beams import find_cosines
 from vrte.scene.scene import Scene
@@ -247,7 +247,6 @@ def find_single_scattering(target: Target, run: Run) -> Light:
 
 def prepare_closed_form(target: Target, run: Run) -> Callable[..., None]:
     """What adds a phase matrix times path (n_level, n_in, n_mu) to values, for the beams mu0 from first to last - 1."""
-    cosine, sine = compute_cos_sin(target.azimuths.distinct)
     columns, azimuths, stacks = target.problem.columns, target.azimuths, target.problem.scenes
     several: dict[str, Any] = {"slab_stacks": stacks} if stacks > 1 else {}
     kind, index = target.kind, target.wanted.place
@@ -271,10 +270,7 @@ def prepare_closed_form(target: Target, run: Run) -> Callable[..., None]:
                 path=path,
                 mu0=mu0,
                 mu=mu,
-                cos_phi=cosine,
-                sin_phi=sine,
-                angle=azimuths.angle,
-                sign=azimuths.sign,
+                **azimuths.arguments,
                 columns=columns,
                 kind=kind,
                 place=index,

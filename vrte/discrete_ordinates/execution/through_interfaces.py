@@ -22,7 +22,7 @@ from vrte.discrete_ordinates.orders.media import (
 )
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.single_scattering import integrate_slab_paths
-from vrte.discrete_ordinates.planning.azimuths import Azimuths, compute_cos_sin, fold_azimuths
+from vrte.discrete_ordinates.planning.azimuths import Azimuths, fold_azimuths
 from vrte.scene.boundary import Boundary
 from vrte.scene.scene import Scene
 
@@ -131,7 +131,6 @@ def make_scatterer(
         path = integrate_slab_paths(cut.thickness[pieces], mu_in, mu_out)[way] * problem.gain[layers, None, None]
     weighted = path * (lit[:, None] & out) / (4.0 * np.pi * index**2 * mu_in[:, None])
     signed = -mu_out if way else mu_out
-    cosine, sine = compute_cos_sin(azimuths.distinct)
 
     def scatter(first: int, last: int) -> Array:
         found = np.zeros((pieces.size, last - first, mu_out.size, azimuths.phi.size, 4, 4))
@@ -142,10 +141,7 @@ def make_scatterer(
                 path=np.ascontiguousarray(weighted[:, first:last]),
                 mu0=np.ascontiguousarray(mu_in[first:last]),
                 mu=signed,
-                cos_phi=cosine,
-                sin_phi=sine,
-                angle=azimuths.angle,
-                sign=azimuths.sign,
+                **azimuths.arguments,
                 columns=np.eye(4),
                 kind=np.array([0, 0, 1, 1], np.int32),
                 place=COLUMNS,

@@ -64,7 +64,8 @@ def discretise_scenes(
     for k, one in enumerate(layers):
         coefficients[k, : sizes[k]] = one.coefficients
     level, at = place_levels(tau, scenes)
-    level *= stretch.reshape(count, -1)[:, at]
+    if level.any():
+        level *= stretch.reshape(count, -1)[:, at]
     longest = max(layer.phase_matrix.terms for each in scenes for layer in each.layers)
     return Problem(
         coefficients=coefficients,
@@ -91,8 +92,9 @@ def discretise_scenes(
 
 def find_layer_tops(thickness: Array) -> Array:
     """Optical depth of the top of each layer; (scene, layer) both."""
-    tops = np.zeros_like(thickness)
-    np.cumsum(thickness[:, :-1], axis=1, out=tops[:, 1:])
+    tops = np.zeros(thickness.shape)
+    if thickness.shape[1] > 1:
+        np.cumsum(thickness[:, :-1], axis=1, out=tops[:, 1:])
     return tops
 
 
@@ -101,9 +103,9 @@ def place_levels(tau: Array, scenes: Sequence[Scene]) -> tuple[Array, IntArray]:
 
     What lies within rounding of an interface lies on it: along a cosine of 1e-8 the last place of 1 is a path of 2e-8.
     """
-    thickness = np.array([[layer.thickness for layer in scene.layers] for scene in scenes])
-    if thickness[:, 0].all() and not tau.any():
+    if not tau.any() and all([scene.layers[0].thickness for scene in scenes]):
         return np.zeros(tau.shape), np.zeros(tau.shape[1], np.int32)
+    thickness = np.array([[layer.thickness for layer in scene.layers] for scene in scenes])
     above, total = find_layer_tops(thickness), np.array([scene.thickness for scene in scenes])[:, None]
     at = np.maximum((above[:, None] <= tau[..., None]).sum(axis=2) - 1, 0)
     at[tau >= total] = above.shape[1] - 1

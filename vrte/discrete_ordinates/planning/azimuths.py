@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -37,6 +38,12 @@ class Azimuths:
                     self._found.clear()
                 self._found[name] = found
         return found
+
+    @cached_property
+    def arguments(self) -> dict[str, Any]:
+        """Those of single scattering, as the core takes them."""
+        cosine, sine = compute_cos_sin(self.distinct)
+        return {"cos_phi": cosine, "sin_phi": sine, "angle": self.angle, "sign": self.sign}
 
     @cached_property
     def _found(self) -> dict[bytes, tuple[Array, Array]]:

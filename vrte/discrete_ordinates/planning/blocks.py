@@ -23,8 +23,8 @@ from vrte.discrete_ordinates.planning.facet_bounds import couples_orders
 from vrte.discrete_ordinates.planning.order_bounds import (
     OrderBounds,
     Sets,
-    count_layers_reached,
     find_bottoms_seen,
+    list_layers_reached,
     list_stokes_sets,
 )
 from vrte.request.how import BY_RULE
@@ -36,9 +36,8 @@ TRAPPED = 30.0  # largest gain by internal reflection at a surface, in light ret
 @dataclass(frozen=True, eq=False)
 class Block:
     """orders (k,), the Stokes parameters and the incident columns (places in the request's) they are solved for, the
-    reduced problem and its base, which algorithm takes it, and what is left out of it: the name of a switch and
-    the reason, with {orders} in the place of the block's. Of several scenes ``wanted`` (k, scene) says which orders
-    each of them needs."""
+    reduced problem and its base, and which algorithm takes it. Of several scenes ``wanted`` (k, scene) says which
+    orders each of them needs."""
 
     orders: IntArray
     stokes: tuple[int, ...]
@@ -46,7 +45,6 @@ class Block:
     problem: Problem
     base: Boundary
     choice: Choice
-    left_out: tuple[tuple[str, str], ...] = ()
     wanted: BoolArray | None = None
 
 
@@ -112,24 +110,24 @@ def make_blocks(
     if skip_flags.depth and not base_couples_orders:
         reached = find_ends_seen(problem, needs, accuracy)[0][:count]
     steps: dict[tuple[int, bool], DoublingSteps] = {}
-    blocks, lit = [], (problem.columns != 0.0).tolist()
+    blocks, lit = [], list_lit_stokes(problem)
     for part, members in sort_orders(sets, stages, along_normal, reached)[0]:
         columns = find_lit_columns(problem, part, lit, along_normal)
         if not columns:
             continue
         reduced = reduce_problem(problem, part, columns)
-        seen = base_couples_orders or (members[0] == 0 and part.stokes[0] == 0) or not skip_flags.base
+        is_first = int(members[0]) == 0
+        seen = base_couples_orders or (is_first and part.stokes[0] == 0) or not skip_flags.base
         below = base if part.has_end and seen else BLACK
-        left_out = explain_part(problem, part, columns)
         strength = needs.strength[0, members]
-        if members[0] == 0 and not problem.is_exact:  # whose flux invariance would not conserve to rounding
+        if is_first and not problem.is_exact:  # whose flux invariance would not conserve to rounding
             strength = np.concatenate([[1.0], strength[1:]])
         alone, depth = members if below is BLACK else None, (part.layers, part.has_end)
         asked = algorithm, reduced, strength, accuracy, eigensolver, alone
         if depth not in steps and eigensolver and algorithm in BY_RULE:
-            steps[depth] = count_all_doubling_steps(reduced)
+            steps[depth] = count_all_doubling_steps(reduced)[0]
         for indices, choice in choose_algorithms(*asked, steps.get(depth)):
-            blocks.append(Block(members[indices], part.stokes, columns, reduced, below, choice, left_out))
+            blocks.append(Block(members[indices], part.stokes, columns, reduced, below, choice))
     return blocks
 
 
@@ -145,7 +143,7 @@ def make_shared_blocks(
     blocks: list[Block] = []
     wanted: dict[Part, BoolArray] = {}
     lit: dict[Part, tuple[int, ...]] = {}
-    there = (problem.columns != 0.0).tolist()
+    there = list_lit_stokes(problem)
     for index, count in enumerate(counts.tolist()):
         parts = []
         for part, members in sort_orders(sets[index][:count], (), along_normal, ends[index][:count])[0]:
@@ -165,7 +163,7 @@ def make_shared_blocks(
     for part, which in wanted.items():
         orders = np.flatnonzero((which & fits).any(axis=1)).astype(np.int32)
         if orders.size:
-            own = reduced[part], *shared, (), (which & fits)[orders]
+            own = reduced[part], *shared, (which & fits)[orders]
             blocks.append(Block(orders, part.stokes, lit[part], *own))
     return sorted(blocks, key=lambda block: (int(block.orders[0]), block.stokes)), fits
 
@@ -178,30 +176,17 @@ def is_along_normal(problem: Problem) -> bool:
 def find_ends_seen(problem: Problem, needs: OrderBounds, accuracy: float) -> list[tuple[tuple[int, bool], ...]]:
     """How many layers light of each order of each scene comes back from, and whether from the end of the last; under
     surfaces the layers stay those that these lie between."""
-    n_order, media = problem.coefficients.shape[1], problem.media
+    n_order, media, layers = problem.coefficients.shape[1], problem.media, problem.layers
     careful = 1.0 if media is None else TRAPPED
-    found = [((problem.layers, True),) * n_order] * problem.scenes
-    by_layer = needs.by_layer.reshape(problem.scenes, problem.layers, -1)
-    for index in np.flatnonzero(~find_bottoms_seen(problem, accuracy / careful)).tolist():
-        layers, has_end = count_layers_reached(problem.select_scene(index), by_layer[index], accuracy / careful)
-        if media is not None:
-            ends = not is_under_one_surface(media)
-            has_end = [end or ends or k < problem.layers for k, end in zip(layers, has_end, strict=True)]
-            layers = [problem.layers] * n_order
-        found[index] = tuple(zip(layers, has_end, strict=True))
+    found = [((layers, True),) * n_order] * problem.scenes
+    for index, is_seen in enumerate(find_bottoms_seen(problem, accuracy / careful)):
+        if not is_seen:
+            strengths = needs.by_layer[index * layers : (index + 1) * layers]
+            found[index] = list_layers_reached(problem.select_scene(index), strengths, accuracy / careful)
+            if media is not None:
+                ends = not is_under_one_surface(media)
+                found[index] = tuple([(layers, end or ends or k < layers) for k, end in found[index]])
     return found
-
-
-def explain_part(problem: Problem, part: Part, columns: tuple[int, ...]) -> tuple[tuple[str, str], ...]:
-    """What a part leaves out of the problem, see `Block`."""
-    layers, n_col = problem.albedo.size, problem.columns.shape[0]
-    ends_early = not part.has_end and (part.layers < layers or bool(np.isfinite(problem.thickness[-1])))
-    reasons = (
-        (len(columns) < n_col, "columns", f"of {n_col} incident Stokes columns each block takes its own alone"),
-        (part.layers < layers, "depth", f"below layer {part.layers} of {layers} for {{orders}}"),
-        (ends_early, "depth", "the bottom of the last layer reached, optically infinite for {orders}"),
-    )
-    return tuple((name, reason) for holds, name, reason in reasons if holds)
 
 
 def find_normal_stokes(order: int) -> tuple[int, ...]:
@@ -217,20 +202,23 @@ def explain_normal(problem: Problem) -> str:
     return ""
 
 
+def list_lit_stokes(problem: Problem) -> list[set[int]]:
+    """The Stokes parameters that are not zero, of each incident column."""
+    return [{k for k, value in enumerate(column) if value} for column in problem.columns.tolist()]
+
+
 def find_lit_columns(
-    problem: Problem, part: Part, there: list[list[bool]], along_normal: bool = False
+    problem: Problem, part: Part, lit: Sequence[set[int]], along_normal: bool = False
 ) -> tuple[int, ...]:
-    """Places of the incident Stokes columns that light the part; ``there`` (n_col, 4): which are not zero."""
+    """Places of the incident Stokes columns that light the part, of those that `list_lit_stokes` tells."""
     if not problem.skip_flags.columns:
-        return tuple(range(problem.columns.shape[0]))
-    lit = list(part.stokes)
-    if not along_normal:
-        pass
-    elif (problem.mu0 == 1.0).all():
-        lit = [i for i in lit if i in part.straight]
-    elif (problem.mu_out == 1.0).all() and not part.straight:
-        lit = []
-    return tuple([index for index, column in enumerate(there) if any([column[i] for i in lit])])
+        return tuple(range(len(lit)))
+    seen = set(part.stokes)
+    if along_normal and (problem.mu0 == 1.0).all():
+        seen &= set(part.straight)
+    elif along_normal and not part.straight:  # all is seen along the normal
+        return ()
+    return tuple([index for index, column in enumerate(lit) if not seen.isdisjoint(column)])
 
 
 def reduce_problem(problem: Problem, part: Part, columns: tuple[int, ...]) -> Problem:

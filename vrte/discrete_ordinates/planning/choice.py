@@ -1,7 +1,8 @@
 """Which algorithm a block of orders takes: by measured accuracy and time (docs/explanation/accuracy.md)."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,8 +23,7 @@ SHARE_OF_STEEP = 0.3  # fraction of the requested accuracy that this error of st
 FINEST = 1e-13  # smallest requested accuracy for which iterations are used
 
 
-@dataclass(frozen=True)
-class Choice:
+class Choice(NamedTuple):
     """The route's name and, in a few words, the reason."""
 
     name: str
@@ -86,7 +86,7 @@ def split_at_scatterings(
 ) -> list[tuple[slice, Choice]]:
     """The first so many orders: successive scatterings from where on they are quicker than eigenproblems, since the
     terms that are left get fewer with every order."""
-    other = choose_modes_or_doubling(problem, doubling or count_all_doubling_steps(problem))
+    other = choose_modes_or_doubling(problem, doubling or count_all_doubling_steps(problem)[0])
     first = count
     if orders is not None and is_for_scatterings(problem, accuracy):
         fraction = count_operations_of_scatterings(problem, orders[:count]) / count_operations_of_modes(problem)
@@ -112,44 +112,40 @@ def choose_products(algorithm: str, problem: Problem, strength: Array, accuracy:
     return parts
 
 
-@dataclass(frozen=True, eq=False)
-class DoublingSteps:
-    """What doubling would take of each scene (scene,): ``steps`` in all distinct slabs, and ``slabs`` that are joined;
-    thin: where modes lose digits; thick: whether one layer is so thick that nobody needs to count."""
+class DoublingSteps(NamedTuple):
+    """What doubling would take of a scene: ``steps`` in all distinct slabs, and ``slabs`` that are joined; thin: where
+    modes lose digits; thick: whether one layer is so thick that nobody needs to count."""
 
-    thin: BoolArray
-    thick: BoolArray
-    steps: Array
-    slabs: Array
-
-    def select_scene(self, index: int) -> "DoublingSteps":
-        """The steps of one of the scenes."""
-        return DoublingSteps(self.thin[index], self.thick[index], self.steps[index], self.slabs[index])
+    thin: bool
+    thick: bool
+    steps: float
+    slabs: int
 
 
-def count_all_doubling_steps(problem: Problem) -> DoublingSteps:
-    """Of all scenes of a problem, whatever the Stokes parameters."""
-    lowest, thickness = float(problem.directions.min()), problem.thickness.reshape(problem.scenes, -1)
-    thin = np.where(problem.albedo.reshape(problem.scenes, -1) > 0.0, thickness, 0.0).sum(axis=1) < THIN
-    top_only = problem.level_layer.size == 1 and not problem.level.any()
-    if problem.layers == 1 and top_only and problem.thickness.all():  # one slab each
-        thick, steps = thickness[:, 0] > ONE_LAYER * float(problem.nodes[0]), count_doubling_steps(thickness, lowest)
-        return DoublingSteps(thin, thick, steps[:, 0], np.ones(problem.scenes))
-    thick = (thickness[:, 0] > ONE_LAYER * float(problem.nodes[0])) & (problem.layers == 1)
-    found = [list_slabs(problem.select_scene(index)) for index in range(problem.scenes)]
-    steps = np.array([count_doubling_steps(np.array(distinct), lowest).sum() for distinct, _ in found])
-    return DoublingSteps(thin, thick, steps, np.array([float(slabs) for _, slabs in found]))
+def count_all_doubling_steps(problem: Problem) -> list[DoublingSteps]:
+    """Of each scene of a problem, whatever the Stokes parameters."""
+    lowest, many = float(problem.directions.min()), ONE_LAYER * float(problem.nodes[0])
+    layers, inside, found = problem.layers, problem.level_layer.size > 1 or problem.level.any(), []
+    thickness, albedo = problem.thickness.tolist(), problem.albedo.tolist()
+    for index in range(problem.scenes):
+        first = index * layers
+        distinct, slabs = thickness[first : first + layers], 1
+        thin = sum([t for t, a in zip(distinct, albedo[first : first + layers], strict=True) if a > 0.0]) < THIN
+        thick = layers == 1 and distinct[0] > many
+        if layers > 1 or inside or not distinct[0]:  # else one slab
+            distinct, slabs = list_slabs(problem.select_scene(index))
+        found.append(DoublingSteps(thin, thick, sum([count_doubling_steps(each, lowest) for each in distinct]), slabs))
+    return found
 
 
-def compare_with_doubling(problem: Problem, doubling: DoublingSteps) -> tuple[BoolArray, Array]:
-    """Whether doubling is taken in the place of modes, (scene,), and its predicted time over theirs."""
+def compare_with_doubling(problem: Problem, doubling: DoublingSteps) -> tuple[bool, float]:
+    """Whether doubling is taken in the place of modes, and its predicted time over theirs."""
     ratio = predict_doubling_time(doubling.steps, problem.size, doubling.slabs) / problem.layers
-    return doubling.thin | (~doubling.thick & (ratio < cost.WORTH_DOUBLING)), ratio
+    return doubling.thin or (not doubling.thick and ratio < cost.WORTH_DOUBLING), ratio
 
 
 def choose_modes_or_doubling(problem: Problem, doubling: DoublingSteps) -> Choice:
     """Which of the two is right, and predicted to be faster."""
-    doubling = doubling.select_scene(0)
     if doubling.thin:
         return Choice(
             "doubling", f"auto: what scatters is thinner than {THIN:g}, where modes lose digits of the fluxes"
@@ -161,15 +157,17 @@ def choose_modes_or_doubling(problem: Problem, doubling: DoublingSteps) -> Choic
     return Choice("doubling" if doubles else "modes", words)
 
 
-def find_scenes_for_modes(problem: Problem, doubling: DoublingSteps, algorithm: str, accuracy: float) -> BoolArray:
+def find_scenes_for_modes(
+    problem: Problem, doubling: Sequence[DoublingSteps], algorithm: str, accuracy: float
+) -> BoolArray:
     """Whether all orders of a scene with a base are solved by modes, (scene,), as `choose_algorithms` has it."""
     if algorithm == "modes":
         return np.ones(problem.scenes, bool)
-    found = ~compare_with_doubling(problem, doubling)[0]
+    found = np.array([not compare_with_doubling(problem, each)[0] for each in doubling])
     if algorithm == "auto" and problem.layers == 1 and is_worth_scatterings(problem):
         orders = np.arange(problem.coefficients.shape[1], dtype=np.int32)
         for index in np.flatnonzero(found).tolist():
-            parts = split_at_scatterings(problem.select_scene(index), orders, orders.size, accuracy)
+            parts = split_at_scatterings(problem.select_scene(index), orders, orders.size, accuracy, doubling[index])
             found[index] = all(choice.name != "scatterings" for _, choice in parts)
     return found
 
@@ -240,13 +238,12 @@ def predict_iterations(strength: Array, accuracy: float) -> Array:
     return 3.0 + math.log(accuracy) / np.log((1.0 - root) / (1.0 + root))
 
 
-def count_doubling_steps(thickness: Array, lowest: float) -> Array:
-    """Of slabs, (...): from a layer that is about as thick as the lowest cosine."""
-    steps: Array = np.maximum(np.ceil(np.log2(thickness / lowest)), 0.0) + 2.0
-    return np.where(np.isinf(thickness), cost.STEPS_ENDLESS, steps)
+def count_doubling_steps(thickness: float, lowest: float) -> float:
+    """Of a slab: from a layer that is about as thick as the lowest cosine."""
+    return cost.STEPS_ENDLESS if math.isinf(thickness) else max(math.ceil(math.log2(thickness / lowest)), 0) + 2.0
 
 
-def predict_doubling_time(steps: Array, size: int, slabs: Array) -> Array:
-    """Predicted time of an order, in units of one layer's modes: of so many ``steps`` (...,) in all distinct slabs,
-    with ``size`` unknowns, and ``slabs`` that are joined."""
+def predict_doubling_time(steps: float, size: int, slabs: int) -> float:
+    """Predicted time of an order, in units of one layer's modes: of so many ``steps`` in all distinct slabs, with
+    ``size`` unknowns, and ``slabs`` that are joined."""
     return steps * (cost.DOUBLING_AT_ONCE + size / cost.DOUBLING_SIZE) + cost.JOINT * slabs

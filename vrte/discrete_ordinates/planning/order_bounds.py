@@ -16,6 +16,7 @@ from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.single_interface import replace_dark
 from vrte.discrete_ordinates.orders.single_scattering import find_scatterers
+from vrte.discrete_ordinates.planning.azimuths import fold_azimuths
 from vrte.scene.beams import find_cosines
 from vrte.scene.scene import Scene
 
@@ -50,10 +51,10 @@ class OrderBounds:
 
 
 def list_views(problem: Problem, mu: Array) -> list[tuple[Problem, Array, BoolArray]]:
-    """The problem, and signed directions ``mu`` (n_mu,), as each of the media with particles in them sees light that
-    comes and goes, the densest last, and for which depths (n_tau,): scattering there has no surfaces to get through."""
-    if problem.media is None:
-        return [(problem, mu, np.ones(problem.level_layer.size, bool))]
+    """A problem of several media, and signed directions ``mu`` (n_mu,), as each of those with particles in them sees
+    light that comes and goes, the densest last, and for which depths (n_tau,): scattering there has no surfaces to get
+    through."""
+    assert problem.media is not None
     scene, views = problem.media.scene, []
     lies_in = problem.media.depths.medium(scene.media)
     for index, medium in itertools.product(sorted(set(scene.indices)), dict.fromkeys(lies_in.tolist())):
@@ -65,8 +66,10 @@ def list_views(problem: Problem, mu: Array) -> list[tuple[Problem, Array, BoolAr
     return views
 
 
-def find_order_bounds(problem: Problem, run: Run) -> OrderBounds:
-    """Strength of each order, and a bound on what it adds."""
+def find_order_bounds(problem: Problem, run: Run, depth: Array | None = None) -> tuple[OrderBounds, Array]:
+    """Strength of each order, and bounds on what its multiple scattering adds, for any beam: to all, and at each depth
+    (scene, n_tau), (scene, order, n_tau, 1). Light decays with depth at least as fast as e^(-kappa tau), kappa < 1 -
+    q."""
     directions, (_, terms, _) = problem.directions, problem.coefficients.shape
     if run.threads > 1 and directions.size * terms**2 < cost.WORTH_THREADS_BOUNDS:
         run = replace_unchecked(run, threads=1)
@@ -79,24 +82,23 @@ def find_order_bounds(problem: Problem, run: Run) -> OrderBounds:
             directions=directions,
             n_node=problem.nodes.size,
             n_out=problem.mu_out.size,
+            depths=np.zeros((problem.scenes, 0)) if depth is None else depth.reshape(problem.scenes, -1),
+            rates=DECAYS,
             slab_stacks=problem.scenes,
         )
     by_layer = found["strength"]
-    return OrderBounds(by_layer, by_layer.reshape(problem.scenes, -1, terms).max(axis=1), found["bounds"])
+    strength = by_layer if problem.layers == 1 else by_layer.reshape(problem.scenes, -1, terms).max(axis=1)
+    return OrderBounds(by_layer, strength, found["bounds"]), found["added"][..., None]
 
 
 def find_brightness(scenes: Sequence[Scene], problem: Problem, mu: Array, phi: Array, run: Run) -> Array:
     """Singly scattered I per unit of incident light, seen along a few of the directions ``mu`` and azimuths ``phi``
     (degrees): the brightest at each depth for each beam, (scene, n_tau, n_in). Never more than the light there is, so
     without forward peaks where they are taken off: their light goes on being scattered."""
-    out, into, angles = mu[spread_places(mu.size)], problem.mu0, np.radians(phi[spread_places(phi.size)])
-    levels, alone = np.arange(problem.level_layer.size, dtype=np.int32), replace_unchecked(run, threads=1)
-    light = np.zeros((problem.scenes, levels.size, into.size, out.size, angles.size, 4, 1))
-    seen: dict[str, Any] = {
-        "cos_phi": np.cos(angles),
-        "sin_phi": np.sin(angles),
-        "angle": np.arange(angles.size, dtype=np.int32),
-    }
+    out, into, azimuths = mu[spread_places(mu.size)], problem.mu0, fold_azimuths(phi[spread_places(phi.size)])
+    levels = np.arange(problem.level_layer.size, dtype=np.int32)
+    alone = run if run.threads == 1 else replace_unchecked(run, threads=1)
+    light = np.zeros((problem.scenes, levels.size, into.size, out.size, azimuths.phi.size, 4, 1))
     for table, path in find_scatterers(scenes, problem, levels, out, whole=not problem.fraction.any()):
         with alone.timed("planning") as crew:
             _core.add_single_scattering(
@@ -105,8 +107,7 @@ def find_brightness(scenes: Sequence[Scene], problem: Problem, mu: Array, phi: A
                 path=path,
                 mu0=into,
                 mu=out,
-                **seen,
-                sign=np.ones(angles.size),
+                **azimuths.arguments,
                 **UNPOLARIZED,
                 first=0,
                 last=into.size,
@@ -147,17 +148,6 @@ def choose_stages(
     return tuple(sorted({1 + -(-(first - 1) // TOGETHER) * TOGETHER for first in ends}))
 
 
-def find_bounds_at(needs: OrderBounds, depth: Array) -> Array:
-    """What multiple scattering of each order adds at most at each depth (scene, n_tau), for any beam, (scene, order,
-    n_tau, 1).
-
-    An order decays with depth at least as fast as e^(-kappa tau), kappa < 1 - q: its bound there is
-    bound e^(-kappa tau)/((1 - kappa) (1 - q/(1 - kappa))).
-    """
-    found = _core.bounds_at(strength=needs.strength, bounds=needs.bounds, depths=depth, rates=DECAYS)
-    return found[..., None]
-
-
 def calibrate_bounds(needs: OrderBounds, bounds: Array, found: dict[int, Array]) -> Array:
     """The bounds (1, order, n_tau, 1) of a scene; for each beam, (1, order, n_tau, n_in), those of orders to come are
     lowered to SAFETY times what the last orders showed of them.
@@ -182,22 +172,25 @@ def calibrate_bounds(needs: OrderBounds, bounds: Array, found: dict[int, Array])
     return lowered[None]
 
 
-def find_bottoms_seen(problem: Problem, accuracy: float) -> BoolArray:
-    """Whether light of every order comes back from the bottom of a scene, (scene,): what lies below the lowest level
-    asked for is too thin for it to decay."""
-    deepest = int(problem.level_layer.max())
-    start = problem.level.reshape(problem.scenes, -1)[:, problem.level_layer == deepest].max(axis=1)
-    way = problem.thickness.reshape(problem.scenes, -1)[:, deepest:].sum(axis=1) - start
-    return DECAY * way < -0.5 * math.log(SHARE * accuracy)
+def find_bottoms_seen(problem: Problem, accuracy: float) -> list[bool]:
+    """Whether light of every order comes back from the bottom of each scene: what lies below the lowest level asked
+    for is too thin for it to decay."""
+    layers, levels, at = problem.layers, problem.level_layer.size, problem.level_layer.tolist()
+    thickness, level, deepest = problem.thickness.tolist(), problem.level.tolist(), max(at)
+    found = []
+    for k in range(problem.scenes):
+        start = max([depth for depth, layer in zip(level[k * levels :], at, strict=False) if layer == deepest])
+        way = sum(thickness[k * layers + deepest : (k + 1) * layers]) - start
+        found.append(DECAY * way < -0.5 * math.log(SHARE * accuracy))
+    return found
 
 
-def count_layers_reached(problem: Problem, strengths: Array, accuracy: float) -> tuple[list[int], list[bool]]:
-    """How many layers light of each order comes back from, and whether it comes back from the end of the last of them.
+def list_layers_reached(problem: Problem, strengths: Array, accuracy: float) -> tuple[tuple[int, bool], ...]:
+    """How many layers light of each order comes back from, and whether it comes back from the end of the last of them;
+    strengths (layer, order).
 
     On its way down from the lowest level asked for, and up again, it decays with kappa = DECAY (1 - q) at least.
     """
-    if find_bottoms_seen(problem, accuracy).all():
-        return [problem.albedo.size] * strengths.shape[1], [True] * strengths.shape[1]
     deepest, n_layer, n_order = int(problem.level_layer.max()), problem.albedo.size, strengths.shape[1]
     start = float(problem.level[problem.level_layer == deepest].max())
     enough = -0.5 * math.log(SHARE * accuracy)
@@ -214,7 +207,7 @@ def count_layers_reached(problem: Problem, strengths: Array, accuracy: float) ->
         left &= ~found
         if not left.any():
             break
-    return layers.tolist(), has_end.tolist()
+    return tuple(zip(layers.tolist(), has_end.tolist(), strict=True))
 
 
 def list_stokes_sets(problem: Problem) -> list[Sets]:
@@ -226,26 +219,27 @@ def list_stokes_sets(problem: Problem) -> list[Sets]:
         if problem.media.scene.is_rough:  # whose facets turn Q into U at any order but 0
             joined = [[*sets[:1], *[(ALL,) if found else () for found in sets[1:]]] for sets in joined]
         return [tuple(sets) for sets in joined]
-    n_order = problem.coefficients.shape[1]
-    if problem.is_scalar:
-        return [(((0,),),) * n_order] * problem.scenes
-    present = (problem.coefficients[..., 1:] != 0.0) & (problem.albedo > 0.0)[:, None, None]
-    present = present.reshape(problem.scenes, -1, n_order, 5).any(axis=1)
-    present = np.logical_or.accumulate(present[:, ::-1], axis=1)[:, ::-1]  # in the degrees l >= m
-    return [name_stokes_sets(rows.tobytes()) for rows in present]
+    return [name_stokes_sets(*row) for row in list_couplings(problem)]
+
+
+def list_couplings(problem: Problem) -> list[list[int]]:
+    """Which coefficients there are, by scene and order: see `couplings` in core/stages.toml."""
+    slabs = {"coefficients": problem.coefficients, "albedo": problem.albedo, "slab_stacks": problem.scenes}
+    found: list[list[int]] = _core.couplings(**slabs).tolist()
+    return found
 
 
 @lru_cache(maxsize=256)
-def name_stokes_sets(present: bytes) -> Sets:
-    """The same of one scene, of whose coefficients a2 .. b2 some are there in the degrees l >= m, (order, 5)."""
-    rows = np.frombuffer(present, bool).reshape(-1, 5).tolist()
-    return tuple(find_stokes_sets(order > 0, *row) for order, row in enumerate(rows))
+def name_stokes_sets(*present: int) -> Sets:
+    """The same of one scene, of whose coefficients these are there in each order."""
+    return tuple(find_stokes_sets(order > 0, those) for order, those in enumerate(present))
 
 
 @cache
-def find_stokes_sets(turns: bool, a2: bool, a3: bool, a4: bool, b1: bool, b2: bool) -> tuple[tuple[int, ...], ...]:
+def find_stokes_sets(turns: bool, present: int) -> tuple[tuple[int, ...], ...]:
     """Which of I, Q, U, V mix, given which coefficients there are, and whether the order turns Q into U."""
     parent = list(ALL)
+    a2, a3, a4, b1, b2 = (bool(present & 1 << k) for k in range(5))
 
     def join(a: int, b: int) -> None:
         old, new = max(parent[a], parent[b]), min(parent[a], parent[b])
@@ -283,12 +277,12 @@ def explain_stokes_sets(problem: Problem, order_0: bool) -> str:
     """Why Stokes parameters are solved apart, or not at all; ``order_0``: whether it is among the orders solved."""
     if problem.is_scalar:
         return "Q, U and V: the phase functions are scalar and scatter I alone"
-    present = (problem.coefficients[problem.albedo > 0.0] != 0.0).any(axis=(0, 1))[1:].tolist()
-    missing = set(ALL) - {index for members in find_stokes_sets(True, *present) for index in members}
+    present = list_couplings(problem)[0][0]
+    missing = set(ALL) - {index for members in find_stokes_sets(True, present) for index in members}
     letters = " ".join("IQUV"[index] for index in sorted(missing))
     reasons = (
         (order_0, "order 0 keeps I, Q and U, V apart"),
-        (not present[-1], "b2 = 0 keeps V apart from I, Q, U"),
+        (not present & 16, "b2 = 0 keeps V apart from I, Q, U"),
         (bool(missing), f"{letters} does not scatter"),
     )
     return f"couplings of Stokes parameters: {'; '.join(reason for holds, reason in reasons if holds)}"

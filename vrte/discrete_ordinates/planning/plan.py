@@ -45,7 +45,6 @@ from vrte.discrete_ordinates.planning.order_bounds import (
     OrderBounds,
     choose_stages,
     count_orders_that_matter,
-    find_bounds_at,
     find_brightness,
     find_order_bounds,
     list_views,
@@ -423,12 +422,12 @@ def look_at_orders(
 ) -> tuple[OrderBounds, Array, Array]:
     """What multiple scattering of each order can do, in all and at each depth, (scene, order, n_tau, 1), whichever
     medium it is scattered in, and the light there, (scene, n_tau, n_in); along the directions ``mu``."""
+    if problem.media is None:
+        return *find_order_bounds(problem, run, problem.depth), find_brightness(scenes, problem, mu, request.phi, run)
     views = list_views(problem, mu)
     out, into = (np.concatenate(parts) for parts in zip(*((one.mu_out, one.mu0) for one, _, _ in views), strict=True))
-    needs = find_order_bounds(replace_unchecked(problem, mu_out=out, mu0=into), run)
-    # mirrored light decays no more the deeper it is
-    depth = np.zeros(problem.level.size) if request.scene.keeps_beams else problem.depth
-    bounds = find_bounds_at(needs, depth.reshape(problem.scenes, -1))
+    straight = replace_unchecked(problem, mu_out=out, mu0=into)
+    needs, bounds = find_order_bounds(straight, run, 0.0 * problem.level)  # mirrored light does not decay with depth
     brightest = np.zeros((problem.scenes, problem.level_layer.size, problem.mu0.size))
     for inside, seen, levels in views:  # the densest medium last: its light stays
         brightest[:, levels] = find_brightness(scenes, inside, seen, request.phi, run)[:, levels]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vrte.basics.memory import BYTES
-from vrte.discrete_ordinates.orders.problem import ALL
+from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.routes import OTHER, ROUTES
 from vrte.discrete_ordinates.orders.skip_flags import SkipFlags
 from vrte.discrete_ordinates.planning.azimuths import fold_azimuths
@@ -221,7 +221,8 @@ def explain_left_out(plan: "Plan") -> dict[str, str]:
     """What is not done, by the name of its switch, and why: as the plan, its blocks and their algorithms say."""
     of_blocks: dict[str, dict[str, set[int]]] = {}
     for block in plan.blocks:
-        for name, reason in [*block.left_out, *ROUTES[block.choice.name].list_left_out(block.problem, plan.accuracy)]:
+        by_route = ROUTES[block.choice.name].list_left_out(block.problem, plan.accuracy)
+        for name, reason in [*explain_block(plan.problem, block), *by_route]:
             of_blocks.setdefault(name, {}).setdefault(reason, set()).update(block.orders.tolist())
     found = {}
     for name, reasons in of_blocks.items():
@@ -229,6 +230,19 @@ def explain_left_out(plan: "Plan") -> dict[str, str]:
         found[name] = OF_BLOCKS[name].format("; ".join(texts))
     found |= explain_whole_plan(plan)
     return {name: found[name] for name in SWITCHES if found.get(name) and getattr(plan.problem.skip_flags, name, True)}
+
+
+def explain_block(problem: Problem, block: Block) -> list[tuple[str, str]]:
+    """What a block leaves out of the problem: the name of a switch and the reason, with {orders} in the place of the
+    block's."""
+    layers, n_col, reached = problem.albedo.size, problem.columns.shape[0], block.problem.albedo.size
+    ends_early = np.isinf(block.problem.thickness[-1]) and (reached < layers or np.isfinite(problem.thickness[-1]))
+    reasons = (
+        (len(block.columns) < n_col, "columns", f"of {n_col} incident Stokes columns each block takes its own alone"),
+        (reached < layers, "depth", f"below layer {reached} of {layers} for {{orders}}"),
+        (ends_early, "depth", "the bottom of the last layer reached, optically infinite for {orders}"),
+    )
+    return [(name, reason) for holds, name, reason in reasons if holds]
 
 
 def explain_whole_plan(plan: "Plan") -> dict[str, str]:
