@@ -224,8 +224,8 @@ def list_stokes_sets(problem: Problem) -> list[Sets]:
 
 def list_couplings(problem: Problem) -> list[list[int]]:
     """Which coefficients there are, by scene and order: see `couplings` in core/stages.toml."""
-    slabs = {"coefficients": problem.coefficients, "albedo": problem.albedo, "slab_stacks": problem.scenes}
-    found: list[list[int]] = _core.couplings(**slabs).tolist()
+    slabs = problem.coefficients, problem.albedo, problem.scenes
+    found: list[list[int]] = _core.couplings(*slabs).tolist()
     return found
 
 
