@@ -35,8 +35,8 @@ from bench.tables import IN_RECONSTRUCTION, STEPS, TOTAL
 from bench.tables import Configuration as Papers
 from vrte import _core
 from vrte.basics.arrays import Array
-from vrte.basics.blas import find_blas_libraries
 from vrte.basics.errors import SceneError
+from vrte.basics.running import find_blas_libraries
 from vrte.calls.brdf import brdf
 from vrte.calls.radiance import radiance
 from vrte.commands.common import make_option_reader

@@ -18,8 +18,8 @@ from typing import Any
 
 from bench.tables import Configuration, Problem
 from vrte.basics.arrays import Array
-from vrte.basics.blas import find_blas_libraries
 from vrte.basics.errors import AccuracyError, DeviceError, SceneError
+from vrte.basics.running import find_blas_libraries
 from vrte.results.field import Field
 
 VARIABLE, BASELINE_CORE = "OPENBLAS_CORETYPE", "Prescott"

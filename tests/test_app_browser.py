@@ -23,11 +23,10 @@ from vrte.app.form.files import write_link
 from vrte.app.solving.page_files import LARGEST_TABLE
 from vrte.formats.bases import BASES
 from vrte.formats.keys import FilePath
-from vrte.formats.measured_polarized import directions, write_mitsuba
-from vrte.formats.mitsuba_files import read_tensors
-from vrte.formats.named import list_keys
+from vrte.formats.layers import PHASES
+from vrte.formats.measured_polarized import directions, read_tensors, write_mitsuba
 from vrte.formats.particle_sources import SOURCES
-from vrte.formats.phases import PHASES
+from vrte.formats.scene_file import list_keys
 from vrte.formats.toml_table import write_toml
 
 from .helpers import assert_close, close_to

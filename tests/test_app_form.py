@@ -21,10 +21,9 @@ from vrte.app.form.fields import find_field, list_places, parse_field_text, tran
 from vrte.app.form.files import MOST_OF_AXIS, adopt_with_notes, begin_with_material, write_content
 from vrte.formats.bases import BASES
 from vrte.formats.keys import Choice, FilePath, Flag
-from vrte.formats.layers import LAYER_KEYS
+from vrte.formats.layers import LAYER_KEYS, PHASES
 from vrte.formats.materials import list_materials
 from vrte.formats.particle_sources import SIZES, SOURCES
-from vrte.formats.phases import PHASES
 from vrte.formats.scattering import read_scattering
 from vrte.formats.scene_file import FILE_KEYS, read_content
 from vrte.formats.toml_table import show_place

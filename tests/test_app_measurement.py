@@ -13,8 +13,8 @@ from vrte.app.form.numbers import list_free_numbers, put_values, write_fractions
 from vrte.app.page.measurement_panel import choose_free, find_places
 from vrte.app.solving import measuring
 from vrte.app.solving.measuring import Comparer, describe_measured, fit_scene, is_measurement, list_shown
-from vrte.app.solving.messages import Fitted, Refused, Step, Task
 from vrte.app.solving.tab_session import TabSession
+from vrte.app.solving.worker import Fitted, Refused, Step, Task
 from vrte.fit.curves import COLOURS, NUMBERS, name_bars, split_curves
 from vrte.pictures.fit import measurement
 

@@ -20,10 +20,9 @@ import vrte
 from vrte.app.form import content as form
 from vrte.app.form.files import adopt_with_notes, write_link
 from vrte.app.solving import page_files as downloads
-from vrte.app.solving.messages import EMPTY, Adopted, Outcome, Refused, Task
 from vrte.app.solving.solve import adopt, make_outcome, read, solve
 from vrte.app.solving.tab_session import MOST_TABS, TabSessions
-from vrte.app.solving.worker import Query, explain_end, take_newest
+from vrte.app.solving.worker import EMPTY, Adopted, Outcome, Query, Refused, Task, explain_end, take_newest
 from vrte.formats.toml_table import write_toml
 
 from .helpers import assert_close, close_to, wait_until

@@ -9,11 +9,9 @@ import pytest
 
 import vrte
 from tests.samples import largest_gap, spheroids
-from vrte.formats import base_file
-from vrte.formats.measured_polarized import directions, write_mitsuba
-from vrte.formats.mitsuba_files import read_tensors, write_tensors
-from vrte.formats.named import find_named_tables
-from vrte.formats.scene_file import make_scene_file
+from vrte.formats import bases
+from vrte.formats.measured_polarized import directions, read_tensors, write_mitsuba, write_tensors
+from vrte.formats.scene_file import find_named_tables, make_scene_file
 from vrte.formats.toml_table import write_toml
 from vrte.sweep.template import read_sweep
 
@@ -45,7 +43,7 @@ def tensor(spectrum: vrte.Spectrum, tmp_path_factory: pytest.TempPathFactory) ->
 @pytest.fixture
 def few_directions(monkeypatch: pytest.MonkeyPatch) -> None:
     """A tensor is read at fewer directions than it has for accuracy's sake."""
-    monkeypatch.setattr(base_file, "directions", partial(directions, 24, 15))
+    monkeypatch.setattr(bases, "directions", partial(directions, 24, 15))
 
 
 def found_at(base: Any) -> np.ndarray:

@@ -15,7 +15,7 @@ from docs.scripts.commands import write_page
 from vrte.basics.errors import SceneError
 from vrte.calls import versions
 from vrte.cl import device
-from vrte.commands import pages
+from vrte.commands import common
 from vrte.commands.common import Parser
 from vrte.commands.init import FOLDER, tell_next
 from vrte.commands.parser import make_parser
@@ -27,7 +27,7 @@ ROOT = Path(__file__).parents[1]
 COMMANDS: dict[str, Parser] = next(
     action.choices for action in make_parser()._actions if isinstance(action.choices, dict)
 )
-KINDS = pages.STARTERS
+KINDS = common.STARTERS
 SLOW = ("fit", "sweep", "view", "render", "materials", "paint", "brdf", "field", "devices")
 INPUT = re.compile(r"[\w./-]+\.(toml|csv)$")
 
@@ -137,14 +137,18 @@ class TestExamples:
 
 class TestPages:
     def test_every_page_is_there(self) -> None:
-        named = {*(row["page"] for row in pages.COMMANDS.values()), *pages.OF_KEYS.values(), *pages.OF_ERRORS.values()}
+        named = {
+            *(row["page"] for row in common.COMMANDS.values()),
+            *common.OF_KEYS.values(),
+            *common.OF_ERRORS.values(),
+        }
         assert len(named) >= 12
         assert not [page for page in named if not (ROOT / "docs" / page).is_file()]
         starters = "".join(path.read_text() for path in FOLDER.iterdir())
         assert all((ROOT / page).is_file() for page in re.findall(r"docs/[\w/]+\.md", starters))
-        assert set(pages.COMMANDS) == set(COMMANDS)
+        assert set(common.COMMANDS) == set(COMMANDS)
         tables = {"particles", "layer", "base", "paint", "render", "brdf", "field"}
-        assert tables <= set(FILE_KEYS) & set(pages.OF_KEYS)
+        assert tables <= set(FILE_KEYS) & set(common.OF_KEYS)
 
     @pytest.mark.parametrize(
         ("error", "page"),
@@ -163,7 +167,7 @@ class TestPages:
         ],
     )
     def test_pages_of_errors(self, error: BaseException, page: str | None) -> None:
-        assert pages.find_page(error) == page
+        assert common.find_page(error) == page
 
     def test_on_the_web_where_the_package_says_where(self, monkeypatch: pytest.MonkeyPatch) -> None:
         class Told:
@@ -171,12 +175,12 @@ class TestPages:
                 return ["Source, https://example.org/code", "Documentation, https://example.org/docs/"]
 
         monkeypatch.setattr(metadata, "metadata", lambda name: Told())
-        pages.find_site.cache_clear()
+        common.find_site.cache_clear()
         try:
-            assert pages.locate_page("how_to/bases.md") == "https://example.org/docs/how_to/bases.html"
-            assert pages.locate_page("reference/benchmarks/README.md").endswith("/reference/benchmarks/index.html")
+            assert common.locate_page("how_to/bases.md") == "https://example.org/docs/how_to/bases.html"
+            assert common.locate_page("reference/benchmarks/README.md").endswith("/reference/benchmarks/index.html")
         finally:
-            pages.find_site.cache_clear()
+            common.find_site.cache_clear()
 
 
 class TestVersions:

@@ -10,9 +10,14 @@ import pytest
 from flint import arb, ctx
 
 import vrte
-from vrte.optics.crowding import PACKINGS, pack
-from vrte.optics.effective_medium import find_coherent_potential_index, find_maxwell_garnett_index
-from vrte.optics.hard_spheres import compute_structure_factor, join_amplitudes
+from vrte.optics.crowding import (
+    PACKINGS,
+    compute_structure_factor,
+    find_coherent_potential_index,
+    find_maxwell_garnett_index,
+    join_amplitudes,
+    pack,
+)
 from vrte.optics.spheres import compute_mie_coefficients
 from vrte.scene.layer import Layer
 

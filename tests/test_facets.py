@@ -8,7 +8,7 @@ import pytest
 import vrte
 from vrte.basics.arrays import Array
 from vrte.optics.facets import RoughSurface, shade_facets
-from vrte.scene.base_checks import PAULI
+from vrte.scene.boundary import PAULI
 
 from .helpers import assert_close, close_to
 

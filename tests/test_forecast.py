@@ -16,9 +16,9 @@ import pytest
 import vrte
 from vrte.basics import cost
 from vrte.basics.running import start_run
-from vrte.calls import forecast
-from vrte.calls.forecast import predict_seconds as predict_call
+from vrte.calls import plan
 from vrte.calls.plan import make_request
+from vrte.calls.plan import predict_seconds as predict_call
 from vrte.discrete_ordinates.planning import memory
 from vrte.methods import find_method, predict_seconds
 from vrte.request.how import METHODS
@@ -249,6 +249,6 @@ def test_what_the_first_of_many_loads_is_no_matter_of_each(monkeypatch: pytest.M
     def asked_at(place: int) -> tuple[Request, float]:
         return request, 0.5 if place == 0 else 0.0  # 240 times 0.5 s would be 2 minutes
 
-    monkeypatch.setattr(forecast, "predict_seconds", lambda asked: time.sleep(0.03) or (0.0, 0.0))
-    forecast.warn_runtime_of_all(240, asked_at, "scenes")
+    monkeypatch.setattr(plan, "predict_seconds", lambda asked: time.sleep(0.03) or (0.0, 0.0))
+    plan.warn_runtime_of_all(240, asked_at, "scenes")
     assert 240 * 0.03 < reported[0] < 240 * 0.2

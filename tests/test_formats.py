@@ -19,12 +19,12 @@ import pytest
 import vrte
 from tests.helpers import assert_same
 from vrte import Brdf, Field, MissingExtraError, SceneError, Spectrum
-from vrte.formats import columns, csv_table, zarr_folder
+from vrte.formats import columns, result_file
 from vrte.formats.atomic import write_atomically
 from vrte.formats.contents import Result, convert_views, to_xarray
 from vrte.formats.result_file import FORMATS
 from vrte.optics.fresnel import reflect_smooth
-from vrte.results.views import Views
+from vrte.results.field import Views
 
 AWKWARD = 0.1 + 0.2  # seventeen digits
 RANDOM = np.random.default_rng(3)
@@ -188,7 +188,7 @@ SECOND = "\n0.45,0.6,0.2,90.0,"
 def table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """As a program leaves it that knows nothing of the checksum: without the first line; and little is too long."""
     monkeypatch.setattr(columns, "LONGEST_LINE", 9_000)
-    monkeypatch.setattr(csv_table, "LARGEST_HEADER", 20_000)
+    monkeypatch.setattr(result_file, "LARGEST_HEADER", 20_000)
     PAIR.save(tmp_path / "pair.csv")
     (tmp_path / "pair.csv").write_text((tmp_path / "pair.csv").read_text().partition("\n")[2])
     assert_same(PAIR, vrte.load(tmp_path / "pair.csv"))
@@ -265,7 +265,7 @@ def folder(tmp_path: Path) -> Path:
 def test_only_plain_numbers_are_read(
     folder: Path, change: Callable[[Any], None], words: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(zarr_folder, "LARGEST_TEXT", 10_000)
+    monkeypatch.setattr(result_file, "LARGEST_TEXT", 10_000)
     about = json.loads((folder / "mueller" / "zarr.json").read_text())
     change(about)
     (folder / "mueller" / "zarr.json").write_text(json.dumps(about))

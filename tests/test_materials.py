@@ -16,11 +16,10 @@ from vrte.app.form.files import adopt_with_notes
 from vrte.appearance.colours import import_colour_science
 from vrte.commands import materials as commands
 from vrte.formats.materials import expand_materials, find_material, list_materials
-from vrte.formats.named import find_known_wavelengths, find_named_tables
 from vrte.formats.particle_sources import make_particles
-from vrte.formats.scene_file import make_scene_file, read_scene
+from vrte.formats.scene_file import find_known_wavelengths, find_named_tables, make_scene_file, read_scene
 from vrte.optics.refractive_index import MATERIALS, find_wavelength_range, refractive_index
-from vrte.render.colour import weigh_wavelengths
+from vrte.render.sky import weigh_wavelengths
 from vrte.render.swatches import compute_card
 from vrte.sweep.template import make_scene_at, read_sweep
 

@@ -10,9 +10,9 @@ import scipy.special
 import vrte
 from vrte.basics.errors import AccuracyError, SceneError
 from vrte.basics.spherical_functions import find_gauss_legendre
-from vrte.methods.diffusion import BOUNDARIES
 from vrte.methods.matrix_operator import propagator
 from vrte.methods.parts.slab import find_gauss_depths, solve_riccati, weigh_downward, weigh_upward
+from vrte.methods.two_fluxes import BOUNDARIES
 
 from .helpers import assert_close
 from .literal import a_matrix, azimuthal_sum

@@ -9,9 +9,8 @@ from flint import acb, arb, ctx
 
 import vrte
 from vrte._core import coated_sphere_coefficients, coated_sphere_slopes, sphere_coefficients, sphere_slopes
-from vrte.formats import scene_slopes
-from vrte.optics.spheres import count_orders
-from vrte.optics.vary_spheres import SphereNumbers, vary_spheres
+from vrte.formats import scene_family
+from vrte.optics.spheres import SphereNumbers, count_orders, vary_spheres
 
 from .helpers import close_to
 from .samples import slow_but
@@ -140,7 +139,7 @@ def test_closed_forms_are_what_differences_come_to(name: str, monkeypatch: pytes
         coat = {"particles": "coat", "thickness": 1.0, "volume_fraction": 0.1}
         content["layer"] = [coat] if "coat" in name else LAYERS[:1]
     (closed,) = vrte.SceneFamily(content, [name]).variations()
-    monkeypatch.setattr(scene_slopes.Neighbourhood, "needs_differences", lambda *_: True)
+    monkeypatch.setattr(scene_family.Neighbourhood, "needs_differences", lambda *_: True)
     (differences,) = vrte.SceneFamily(content, [name]).variations()
     for one, other in ((closed.thickness, differences.thickness), (closed.albedo, differences.albedo)):
         assert one == close_to(other, rtol=2e-9, atol=1e-11 * abs(other).max())

@@ -16,7 +16,7 @@ from vrte.calls import mitsuba as mitsuba_call
 from vrte.calls.mitsuba import check_below_surface, check_nested, take_off_surface
 from vrte.calls.spectrum import prepare_scenes
 from vrte.formats import measured_polarized
-from vrte.formats.mitsuba_files import GAP, read_tensors, write_nested_scene, write_tensors
+from vrte.formats.measured_polarized import GAP, read_tensors, write_nested_scene, write_tensors
 from vrte.formats.scene_file import make_scene_file
 from vrte.optics.facets import RoughSurface
 from vrte.optics.fresnel import reflect_smooth, transmit_smooth

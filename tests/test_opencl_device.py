@@ -23,7 +23,7 @@ from vrte.cl import session as sessions
 from vrte.cl.device import Device, choose
 from vrte.cl.errors import check_room
 from vrte.cl.session import Session, open_session
-from vrte.commands import device_speed as report
+from vrte.commands import verify_device as report
 
 from .conftest import working_session
 from .helpers import assert_close

@@ -16,7 +16,7 @@ from vrte.basics.errors import SceneError
 from vrte.formats.columns import read_coefficients
 from vrte.formats.scene_file import make_scene_file
 from vrte.formats.toml_table import write_toml
-from vrte.sweep.optics import make_file_name
+from vrte.sweep.store import make_file_name
 from vrte.sweep.template import read_sweep
 
 from .helpers import close_to, run

@@ -11,11 +11,23 @@ import pytest
 import vrte
 from vrte import SceneError
 from vrte.app.form.files import adopt_with_notes
-from vrte.formats.materials import list_materials
-from vrte.formats.named import find_known_wavelengths, find_named_tables, list_substances
-from vrte.formats.paints import PIGMENTS, REPLACED, expand_content, expand_paint, find_pigment, list_paints
+from vrte.formats.materials import (
+    PIGMENTS,
+    REPLACED,
+    expand_content,
+    expand_paint,
+    find_pigment,
+    list_materials,
+    list_paints,
+)
 from vrte.formats.particle_sources import check_particles, make_particles
-from vrte.formats.scene_file import make_scene_file, read_content
+from vrte.formats.scene_file import (
+    find_known_wavelengths,
+    find_named_tables,
+    list_substances,
+    make_scene_file,
+    read_content,
+)
 from vrte.render import setting
 from vrte.sweep.template import make_scene_at, read_sweep
 

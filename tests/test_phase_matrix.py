@@ -16,11 +16,11 @@ from bench.cases import SPHEROIDS
 from vrte import _core
 from vrte.basics.spherical_functions import compute_wigner_functions, find_gauss_legendre
 from vrte.formats.keys import FilePath, make_start
-from vrte.formats.phases import PHASES
+from vrte.formats.layers import PHASES
 from vrte.formats.scene_file import read_scene
 from vrte.formats.toml_table import write_value
 from vrte.optics.phase_matrix import CHECK_COSINES, PAIRS, UNSURE, NegativeScatteringWarning, PhaseMatrix
-from vrte.scene.base_checks import find_coherency
+from vrte.scene.boundary import find_coherency
 
 from .helpers import assert_close, close_to
 

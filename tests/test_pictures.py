@@ -17,8 +17,8 @@ import pytest
 from matplotlib.text import Annotation
 
 import vrte
-from vrte.app.solving.messages import Reflectances
 from vrte.app.solving.solve import WITH_BEAM, WITHOUT_BEAM, collect_reflectances, compute_colours
+from vrte.app.solving.worker import Reflectances
 from vrte.optics.fresnel import reflect_smooth
 from vrte.pictures import results
 from vrte.pictures.describe import MIRRORED

@@ -22,7 +22,7 @@ from vrte.discrete_ordinates.planning import plan as planning
 from vrte.discrete_ordinates.planning.kept_plans import MOST_PLANS, TOLD, name_request
 from vrte.discrete_ordinates.planning.plan import Plan, make_plan
 from vrte.request.request import Request, make_brdf_request, make_radiance_request
-from vrte.results.solution import Solution
+from vrte.results.result import Solution
 
 from .samples import spheroids
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.basics.remembering import Remembered
+from vrte.basics.arrays import Remembered
 from vrte.discrete_ordinates.orders import rough
 from vrte.optics import facet_energy
 

@@ -20,15 +20,22 @@ from vrte.basics.arrays import Array
 from vrte.basics.errors import MissingExtraError, SceneError
 from vrte.optics.facets import RoughSurface
 from vrte.optics.fresnel import reflect_smooth
-from vrte.render import colour, objects, rendering
+from vrte.render import objects, rendering
 from vrte.render.geometry import Camera, Lens, compute_normals, place_camera, place_lens
-from vrte.render.objects import Stage, draw_background, draw_object
+from vrte.render.objects import MARGIN, SUN_RADIUS, Stage, View, draw_background, draw_object, mirror_sun
 from vrte.render.picture import Sheet, colour_angles, describe_layers
 from vrte.render.rendering import compute_pictures, find_facets, find_fine_table, measure_interpolation_error
 from vrte.render.setting import PictureSetting, read
 from vrte.render.shapes import SHAPES, Body, Rays, find_shape, make_ball, make_body
-from vrte.render.sky import Sky, compute_optical_thickness, make_sky
-from vrte.render.spheres import MARGIN, SUN_RADIUS, View, mirror_sun
+from vrte.render.sky import (
+    Sky,
+    choose_wavelengths,
+    compute_optical_thickness,
+    load_sunlight_spectrum,
+    make_film,
+    make_sky,
+    weigh_wavelengths,
+)
 from vrte.render.surfaces import SceneLight, compute_irradiance
 from vrte.render.tables import BrdfTable, Resolution, tabulate_brdf
 
@@ -196,22 +203,22 @@ def test_the_sky_is_polarized_as_molecules_do_it_and_as_thick_as_it_is() -> None
 
 
 def test_colours_of_white_are_white() -> None:
-    chosen = colour.choose_wavelengths(9)
-    weights = colour.weigh_wavelengths(chosen)
+    chosen = choose_wavelengths(9)
+    weights = weigh_wavelengths(chosen)
     assert weights[1].sum() == close_to(1.0, rtol=1e-6, atol=0.0)
     white = weights.sum(axis=1)
     observer = import_colour_science().MSDS_CMFS[OBSERVERS[2]]
-    lit = observer.values * colour.load_sunlight_spectrum(observer.wavelengths * 1e-3)[:, None]
+    lit = observer.values * load_sunlight_spectrum(observer.wavelengths * 1e-3)[:, None]
     assert_close(white, lit.sum(axis=0) / lit[:, 1].sum(), rtol=1e-12, atol=0.0)
-    film = colour.make_film(white)
+    film = make_film(white)
     assert_close(film(white), 1.0, rtol=0.0, atol=2e-3)
     assert_close(film.linear(0.5 * white), 0.5, rtol=0.0, atol=1e-3)
-    assert_close(colour.make_film(white, -1.0).linear(white), 0.5, rtol=0.0, atol=1e-3)
+    assert_close(make_film(white, -1.0).linear(white), 0.5, rtol=0.0, atol=1e-3)
 
 
 @pytest.mark.slow
 def test_colour_science_leaves_the_way_arrays_are_printed_alone() -> None:
-    code = "import numpy; from vrte.render.colour import load_sunlight_spectrum as load; load(numpy.ones(1)); "
+    code = "import numpy; from vrte.render.sky import load_sunlight_spectrum as load; load(numpy.ones(1)); "
     show = [sys.executable, "-c", f"{code} print(repr(numpy.float64(1)))"]
     assert subprocess.run(show, capture_output=True, text=True, check=True).stdout == "np.float64(1.0)\n"
 
@@ -374,7 +381,7 @@ def test_the_setting_has_its_defaults_and_other_commands_leave_it_alone(render: 
     path = render.scene(PLAIN, "white_paint")
     (material,), setting = read([path])
     assert (setting, material.title) == (PictureSetting(), "white paint")
-    np.testing.assert_array_equal(material.wavelengths_um, colour.choose_wavelengths(9))
+    np.testing.assert_array_equal(material.wavelengths_um, choose_wavelengths(9))
     path.write_text(PLAIN + SMALL + "[brdf]\nmu_i = 0.5\nmu_o = 0.5\n")
     assert vrte.spectrum(path, [0.5])[0].mu_i.size == 1
 

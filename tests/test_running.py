@@ -18,9 +18,8 @@ import pytest
 
 import vrte
 from vrte.basics import memory, running
-from vrte.basics.blas import find_blas_libraries, find_setter, keep_to_one_thread
 from vrte.basics.memory import find_available_bytes
-from vrte.basics.running import Run, count_usable_cpus, run_jobs
+from vrte.basics.running import Run, count_usable_cpus, find_blas_libraries, find_setter, keep_to_one_thread, run_jobs
 from vrte.basics.starting import POLICY
 
 from .helpers import close_to

@@ -17,9 +17,15 @@ from hypothesis import strategies as st
 
 import vrte
 from vrte.basics.errors import Place
-from vrte.formats.named import find_known_wavelengths, find_named_tables
 from vrte.formats.particle_sources import SOURCES
-from vrte.formats.scene_file import SceneFile, make_scene_file, read_content, read_scene
+from vrte.formats.scene_file import (
+    SceneFile,
+    find_known_wavelengths,
+    find_named_tables,
+    make_scene_file,
+    read_content,
+    read_scene,
+)
 from vrte.formats.toml_table import DEEPEST, parse_toml, show_place, split_key, write_toml
 from vrte.optics.refractive_index import refractive_index
 

@@ -9,12 +9,11 @@ from vrte.appearance.hiding import Conditions
 from vrte.fit.files import KEYS as FIT_KEYS
 from vrte.fit.problem import JACOBIANS, LOSSES, SPACINGS
 from vrte.fit.problem import KEYS as FREE_KEYS
-from vrte.formats import materials, paints
+from vrte.formats import materials
 from vrte.formats.bases import BASES, INTERFACE
 from vrte.formats.keys import Choice, FilePath, Key, list_names
-from vrte.formats.layers import INTERFACE_KEYS, LAYER_KEYS
+from vrte.formats.layers import INTERFACE_KEYS, LAYER_KEYS, PHASES
 from vrte.formats.particle_sources import SIZE_KEYS, SIZES, SOURCES
-from vrte.formats.phases import PHASES
 from vrte.formats.scene_file import FILE_KEYS, OPTION_KEYS, REQUEST_KEYS
 from vrte.formats.toml_table import RANGE_KEYS, write_value
 from vrte.optics.crowding import PACKINGS
@@ -60,13 +59,13 @@ KNOWN: dict[str, tuple[str, ...]] = {
     "[brdf]": REQUEST_KEYS["brdf"],
     "[field]": REQUEST_KEYS["field"],
     "[render]": (*OWN, *SETTING),
-    "[paint]": paints.KEYS,
+    "[paint]": materials.PAINT_KEYS,
     "[fit]": FIT_KEYS,
     "[fit.free.NAME]": FREE_KEYS,
     "[appearance]": APPEARANCE_KEYS,
     "[axes.NAME]": AXIS_KEYS,
     "A range": RANGE_KEYS,
-    "A material's file": materials.KEYS,
+    "A material's file": materials.MATERIAL_KEYS,
 }
 CHOICES = {  # section and key: names that its row must have, and no others in quotes
     ("[particles.NAME]", "source"): tuple(SOURCES),

@@ -14,7 +14,7 @@ from vrte.optics import particle_kind, shapes, transition_matrix
 from vrte.optics.particle_kind import SizeAverageWarning
 from vrte.optics.phase_matrix import arrange_coefficients
 from vrte.optics.transition_matrix import CYLINDER, SPHEROID
-from vrte.sweep.optics import make_file_name
+from vrte.sweep.store import make_file_name
 
 from .helpers import assert_close, close_to
 

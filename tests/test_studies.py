@@ -26,8 +26,8 @@ from bench import compare, cost, processes, tables
 from bench.processes import Child, Reply, Task
 from bench.study import Study
 from bench.tables import DEVICE, FULL_SIZE, OWN_STEPS, SMALL, STEPS, TABLE_2, TABLE_3, TOTAL, Configuration
-from vrte.basics.blas import find_blas_libraries
 from vrte.basics.errors import AccuracyError, SceneError
+from vrte.basics.running import find_blas_libraries
 
 from .helpers import assert_close, call_study, close_to, rows_of, wait_until
 

@@ -9,7 +9,7 @@ import pytest
 
 import vrte
 from vrte.calls import mitsuba as mitsuba_call
-from vrte.formats.mitsuba_files import read_tensors
+from vrte.formats.measured_polarized import read_tensors
 from vrte.optics.fresnel import reflect_smooth
 from vrte.optics.refractive_index import refractive_index
 

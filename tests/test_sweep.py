@@ -23,9 +23,9 @@ import xarray
 
 import vrte
 from vrte.basics.errors import SceneError, SweepError
-from vrte.calls import alike
+from vrte.calls import batch
 from vrte.request.request import make_brdf_request
-from vrte.sweep import chunks, dask_engine, optics, store
+from vrte.sweep import chunks, dask_engine, store
 from vrte.sweep.interpolation import held_out
 from vrte.sweep.run import SweepWarning
 from vrte.sweep.store import describe_sweep_results
@@ -344,7 +344,7 @@ def test_warnings_of_scenes_are_told_once_and_shown_as_before_afterwards() -> No
 def test_particles_are_kept_by_every_digit_of_their_sizes() -> None:
     sizes = [vrte.Lognormal(0.1, 1.3), vrte.Lognormal(0.1, np.nextafter(1.3, 2)), vrte.Gamma(0.1, 0.3)]
     given = {"index": "gold", "radius_um": 0.1, "wavelength_um": 0.64}
-    assert len({optics.make_file_name("spheres", {**given, "size": size}) for size in sizes}) == 3
+    assert len({store.make_file_name("spheres", {**given, "size": size}) for size in sizes}) == 3
 
 
 def test_a_changed_sweep_is_refused(tmp_path: Path) -> None:
@@ -490,14 +490,14 @@ def test_the_cluster_of_a_sweep_is_for_nobody_else(tmp_path: Path) -> None:
 @pytest.fixture
 def batches(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """How many scenes were solved together, batch by batch."""
-    counts, solve = list[int](), alike.solve_batch
+    counts, solve = list[int](), batch.solve_batch
 
     def noted(*given: Any) -> Any:
         found = solve(*given)
         counts.append(len(found))
         return found
 
-    monkeypatch.setattr(alike, "solve_batch", noted)
+    monkeypatch.setattr(batch, "solve_batch", noted)
     return counts
 
 
@@ -540,7 +540,7 @@ def test_one_that_fails_spoils_no_other(engine: str, monkeypatch: pytest.MonkeyP
         return solve(*given)
 
     for module, name, pick in (
-        (alike, "solve_batch", lambda requests, places, run: [requests[index] for index in places]),
+        (batch, "solve_batch", lambda requests, places, run: [requests[index] for index in places]),
         (chunks, "solve_request", lambda request, run: [request]),
         (chunks, "solve_together", lambda requests, *rest: requests),
     ):
@@ -556,7 +556,7 @@ def test_one_that_fails_spoils_no_other(engine: str, monkeypatch: pytest.MonkeyP
 def test_the_flag_stops_a_batch() -> None:
     first, other = (vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo, 1.0)]) for albedo in (0.5, 0.9))
     request = make_brdf_request(first, MU[:2], MU, PHI, nodes=6, algorithm="direct")
-    both = [request, alike.make_alike_request(request, other)]
+    both = [request, batch.make_alike_request(request, other)]
     assert len(chunks.solve_alike_questions(both, np.zeros(1, np.int32))) == 2
     with pytest.raises(KeyboardInterrupt):
         chunks.make_processor_solver(lambda: 1, np.ones(1, np.int32))(both)

@@ -17,9 +17,9 @@ from vrte.appearance.gloss import find_gloss
 from vrte.appearance.hiding import Conditions, find_hiding
 from vrte.appearance.panel import make_panel
 from vrte.basics.errors import SceneError
-from vrte.calls.side_by_side import Share, run_side_by_side, share_cores
+from vrte.calls.batch import Share, run_side_by_side, share_cores
 from vrte.formats import particle_sources
-from vrte.sweep import optics
+from vrte.sweep import store
 from vrte.sweep.interpolation import held_out
 from vrte.sweep.run import SweepWarning
 from vrte.sweep.template import read_sweep
@@ -97,7 +97,7 @@ def test_particles_are_worked_out_once_for_all_scenes(
         made[given["radius_um"], round(given["wavelength_um"], 6)] += 1
         return particle_sources.make_particles(source, given)
 
-    monkeypatch.setattr(optics, "make_particles", count)
+    monkeypatch.setattr(store, "make_particles", count)
     vrte.sweep(content, tmp_path / "table.zarr", workers=2, chunk=1).close()
     assert (set(made.values()), len(made)) == ({1}, kinds)
 

@@ -11,7 +11,7 @@ from scipy.interpolate import make_interp_spline
 
 import vrte
 from vrte.basics.splines import make_cosines, stretch_cosines
-from vrte.scene.base_checks import PAULI
+from vrte.scene.boundary import PAULI
 from vrte.scene.tabulated_base import expand_azimuths, extrapolate_error
 
 from .helpers import assert_close, close_to

@@ -16,9 +16,8 @@ from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.planning.azimuths import fold_azimuths
 from vrte.methods import solve_request
 from vrte.optics.truncation import TRUNCATIONS, remove_forward_peak, truncate_layer
-from vrte.request.request import make_radiance_request
-from vrte.request.wanted import Wanted
-from vrte.results.solution import Solution
+from vrte.request.request import Wanted, make_radiance_request
+from vrte.results.result import Solution
 
 from .helpers import assert_close, close_to
 

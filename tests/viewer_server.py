@@ -11,8 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from vrte.app.solving.messages import Task
-from vrte.app.solving.worker import Exchange, Query, explain_failure
+from vrte.app.solving.worker import Exchange, Query, Task, explain_failure
 
 from .helpers import wait_until
 

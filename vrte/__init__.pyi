@@ -34,7 +34,7 @@ from vrte.fit import Measurement as Measurement
 from vrte.fit import fit as fit
 from vrte.fit import read_measurement as read_measurement
 from vrte.formats import load as load
-from vrte.formats.base_file import read_base as read_base
+from vrte.formats.bases import read_base as read_base
 from vrte.formats.columns import read_index as read_index
 from vrte.formats.columns import read_sizes as read_sizes
 from vrte.formats.materials import list_materials
@@ -65,8 +65,8 @@ from vrte.results import over_hemisphere as over_hemisphere
 from vrte.results import quantities as quantities
 from vrte.results.brdf import Brdf as Brdf
 from vrte.results.field import Field as Field
+from vrte.results.field import Views as Views
 from vrte.results.spectrum import Spectrum as Spectrum
-from vrte.results.views import Views as Views
 from vrte.scene.boundary import Lambertian as Lambertian
 from vrte.scene.boundary import MuellerBase as MuellerBase
 from vrte.scene.facets import Facets as Facets
@@ -81,7 +81,7 @@ from vrte.scene.rpv import RPV as RPV
 from vrte.scene.scene import Scene as Scene
 from vrte.scene.tabulated_base import CoarseTableWarning as CoarseTableWarning
 from vrte.scene.tabulated_base import TabulatedBase as TabulatedBase
-from vrte.scene.variation import Variation as Variation
+from vrte.scene.vary import Variation as Variation
 from vrte.sweep import interpolate as interpolate
 from vrte.sweep import sweep as sweep
 

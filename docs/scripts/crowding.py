@@ -13,8 +13,7 @@ import numpy as np
 
 from bench.study import write_rows
 from vrte.calls.brdf import brdf
-from vrte.optics.crowding import PACKINGS, PackingWarning
-from vrte.optics.hard_spheres import compute_structure_factor
+from vrte.optics.crowding import PACKINGS, PackingWarning, compute_structure_factor
 from vrte.optics.particles import Particles
 from vrte.optics.size_distribution import Lognormal
 from vrte.optics.spheres import spheres

@@ -7,9 +7,9 @@ from bench.study import make_markdown_table
 from vrte.appearance.quantities import QUANTITIES
 from vrte.formats.bases import BASES
 from vrte.formats.keys import Choice, FilePath, Key
-from vrte.formats.paints import PIGMENTS
+from vrte.formats.layers import PHASES
+from vrte.formats.materials import PIGMENTS
 from vrte.formats.particle_sources import DIAMETERS, SIZES, SOURCES
-from vrte.formats.phases import PHASES
 from vrte.formats.toml_table import write_value
 from vrte.optics.crowding import PACKINGS
 

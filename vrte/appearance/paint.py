@@ -30,7 +30,7 @@ from vrte.basics.errors import LongSolveWarning, SceneError
 from vrte.basics.running import Progress
 from vrte.basics.views import view
 from vrte.calls.spectrum import Source
-from vrte.formats.paints import KEYS, expand_content
+from vrte.formats.materials import PAINT_KEYS, expand_content
 from vrte.formats.toml_table import show_toml
 from vrte.optics.crowding import PACKINGS
 from vrte.request.how import complete_docstring
@@ -209,7 +209,7 @@ def paint(
     (0.747, {})
     """
     seen = Conditions(illuminant=illuminant, observer=observer, white=white)
-    fields = {key: asked.pop(key) for key in KEYS if key in asked}
+    fields = {key: asked.pop(key) for key in PAINT_KEYS if key in asked}
     if isinstance(fields.get("binder"), tuple):
         fields["binder"] = list(fields["binder"])  # n, k
     if (scene is None) == (not fields):

@@ -12,15 +12,13 @@ import numpy as np
 from vrte.basics.arrays import Array, check_number, check_whole
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, count_usable_cpus
-from vrte.calls.forecast import warn_runtime_of_all
+from vrte.calls.batch import is_shared, run_side_by_side, solve_side_by_side
 from vrte.calls.mitsuba import take_off
-from vrte.calls.plan import make_request
-from vrte.calls.side_by_side import is_shared, run_side_by_side, solve_side_by_side
+from vrte.calls.plan import make_request, warn_runtime_of_all
 from vrte.calls.spectrum import Source, name_wavelength
-from vrte.formats.named import find_known_wavelengths
-from vrte.formats.paints import expand_content
+from vrte.formats.materials import expand_content
 from vrte.formats.particle_sources import Compute, make_particles
-from vrte.formats.scene_file import make_scene_file, read_content, read_listed_wavelengths
+from vrte.formats.scene_file import find_known_wavelengths, make_scene_file, read_content, read_listed_wavelengths
 from vrte.request.request import Request
 from vrte.results.field import Field
 from vrte.results.result import find_finest_nodes

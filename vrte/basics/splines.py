@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vrte.basics.arrays import Array
-from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.polarization import FLIP
+from vrte.basics.running import keep_to_one_thread
 
 MARGIN = 16  # points repeated beyond each end: errors of the ends have decayed to 1e-9 there
 MIRROR = np.outer(FLIP, FLIP)  # f(-phi) = f(phi) times this

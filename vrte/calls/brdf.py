@@ -15,7 +15,7 @@ from vrte.methods.discrete_ordinates import warn_of_negative
 from vrte.request.how import complete_docstring
 from vrte.request.request import Request, make_brdf_request
 from vrte.results.brdf import BRDF_DERIVATIVES, Brdf, make_readonly_brdf
-from vrte.results.solution import Solution
+from vrte.results.result import Solution
 from vrte.scene.beams import find_direct_light, locate_depths
 from vrte.scene.illumination import mirror_mueller
 from vrte.scene.scene import Scene

@@ -7,10 +7,10 @@ from typing import Annotated, Any
 from vrte.basics.arrays import check_list
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, Run, run_interruptible, share_progress
-from vrte.calls.alike import make_alike_request, solve_alike_ones
+from vrte.calls.batch import make_alike_request, solve_alike_ones
 from vrte.calls.brdf import make_brdf
 from vrte.calls.derivatives import Derivatives, check_differentiable, find_light, read_derivatives
-from vrte.calls.forecast import warn_runtime_of_all
+from vrte.calls.plan import warn_runtime_of_all
 from vrte.discrete_ordinates.execution.engines import choose_engine
 from vrte.discrete_ordinates.planning.plan import plan_request
 from vrte.methods import choose_method, make_run
@@ -21,7 +21,7 @@ from vrte.request.how import EXACT, complete_docstring
 from vrte.request.request import Request, check_scene, make_brdf_request
 from vrte.results.brdf import Brdf
 from vrte.scene.scene import Scene
-from vrte.scene.variation import Variation
+from vrte.scene.vary import Variation
 
 MOST_SCENES = 1_000_000
 

@@ -14,9 +14,9 @@ from vrte.basics.errors import AccuracyWarning, warn_user
 from vrte.optics.facet_energy import share_energy
 from vrte.request.how import EXACT
 from vrte.request.request import Request, find_under
-from vrte.results.solution import NO_LIGHT, Solution
-from vrte.scene.base_checks import CHECKED_COSINES
+from vrte.results.result import NO_LIGHT, Solution
 from vrte.scene.beams import find_cosines, find_direct_light, locate_depths
+from vrte.scene.boundary import CHECKED_COSINES
 from vrte.scene.scene import Scene
 
 ENERGY = "energy: "  # begins every note

@@ -28,7 +28,7 @@ from vrte.request.how import complete_docstring
 from vrte.request.request import Request, make_brdf_request
 from vrte.results.brdf import Brdf
 from vrte.scene.scene import Scene
-from vrte.scene.variation import Variation
+from vrte.scene.vary import Variation
 
 
 @dataclass(frozen=True, eq=False, repr=False)

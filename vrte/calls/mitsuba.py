@@ -26,8 +26,8 @@ from vrte.formats.measured_polarized import (
     directions,
     make_axes,
     write_mitsuba,
+    write_nested_scene,
 )
-from vrte.formats.mitsuba_files import write_nested_scene
 from vrte.request.how import EXACT, complete_docstring
 from vrte.results.result import find_finest_nodes
 from vrte.results.spectrum import Spectrum, check_ascending

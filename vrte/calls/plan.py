@@ -1,15 +1,26 @@
-"""The plan of a call of `vrte.brdf` or `vrte.radiance`, from the same arguments."""
+"""The plan of a call of `vrte.brdf` or `vrte.radiance`, from the same arguments; and how long many solves will take,
+predicted before the first starts, and refused where that is beyond a limit."""
 
+import time
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Literal
 
+import numpy as np
+
+from vrte import methods
+from vrte.basics import cost
 from vrte.basics.errors import SceneError
-from vrte.basics.running import run_interruptible, start_run
+from vrte.basics.running import Run, run_interruptible, start_run
 from vrte.calls.derivatives import Derivatives, check_differentiable, plan_derivatives, read_derivatives
-from vrte.discrete_ordinates.planning.forecast import warn_runtime_of_planning
+from vrte.discrete_ordinates.planning.forecast import (
+    predict_planning_seconds,
+    predict_total_seconds,
+    warn_runtime_of_planning,
+)
 from vrte.discrete_ordinates.planning.plan import Plan, plan_request
 from vrte.methods import choose_method
-from vrte.request.how import AUTO, EXACT, complete_docstring
+from vrte.request.how import AUTO, EXACT, Backend, complete_docstring
 from vrte.request.request import Request, make_brdf_request, make_radiance_request
 from vrte.scene.scene import Scene
 
@@ -67,3 +78,64 @@ def make_request(kind: Any, scene: Any, *arguments: Any, **keywords: Any) -> Req
     """The request that `vrte.brdf` or `vrte.radiance` would make of its arguments, its method named."""
     make: Any = make_brdf_request if kind == "brdf" else make_radiance_request
     return choose_method(make(scene, *arguments, **keywords))
+
+
+FEW = 5  # solves of many that are looked at
+
+
+def warn_runtime_of_all(
+    count: int,
+    asked_at: Callable[[int], tuple[Request, float]],
+    what: str,
+    limit: float | None = None,
+    beside: float = 0.0,
+    workers: int = 1,
+) -> bool:
+    """Says what ``count`` solves take together, by a few that are spread among them; whether it is long.
+
+    ``asked_at``: the request at a place, and the seconds that its particles took; ``what`` they are;
+    ``limit`` in seconds, by default that of the requests; ``beside``: seconds of other work; ``workers`` share all of
+    it. What cannot be asked is passed over: it will say so itself. Raises SceneError beyond the limit.
+    """
+    if count < 2:
+        return False
+    begin, looked, solving = time.perf_counter(), [], []
+    for index in [0, *np.unique(np.linspace(count - 1, 1, min(FEW, count) - 1).astype(int))[::-1].tolist()]:
+        try:
+            request, made = asked_at(index)
+            start = time.perf_counter()
+            seconds, planned = predict_seconds(request)
+        except SceneError:
+            continue
+        looked.append(made + time.perf_counter() - start + planned + cost.A_CALL)
+        solving.append(seconds)
+        limit = request.time_limit_s if limit is None else limit
+        quick = beside + count * (looked[-1] + seconds) < cost.LONG / 100.0
+        # the first alone says little: what is loaded for it is no matter of the others
+        patience = cost.LOOKING if len(looked) > 1 else cost.LOADING
+        if (index and quick) or time.perf_counter() - begin > patience:
+            break
+    if limit is None or not looked:
+        return False
+    # what is loaded for the first is no matter of each
+    each = float(np.median(looked[1:] or looked) + np.mean(solving))
+    total = (beside + count * each) / workers
+    cost.warn_runtime(
+        total, limit, f" for {what} together", "fewer nodes, a coarser accuracy or fewer of them take less"
+    )
+    return total > cost.LONG
+
+
+def predict_seconds(request: Request) -> tuple[float, float]:
+    """Seconds of a solve, and of its plan where that is too long to be made here; nothing of a device."""
+    if request.backend is Backend.OPENCL:
+        return 0.0, 0.0
+    run = Run(1)  # no threads of OpenMP in the caller's own: a child forked later would wait for them
+    if request.method != EXACT:
+        return methods.predict_seconds(request, run), 0.0
+    threads = methods.make_run(request).threads
+    planning = predict_planning_seconds(request, run)
+    if planning > cost.LOOKING:
+        return 0.0, planning / threads
+    plan = plan_request(request, run)
+    return predict_total_seconds(plan) / threads, 0.0

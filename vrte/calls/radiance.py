@@ -14,7 +14,7 @@ from vrte.methods.discrete_ordinates import warn_of_negative
 from vrte.request.how import complete_docstring
 from vrte.request.request import Request, find_under, make_radiance_request
 from vrte.results.field import FIELD_DERIVATIVES, Field
-from vrte.results.solution import Solution
+from vrte.results.result import Solution
 from vrte.scene.beams import find_direct_light, locate_depths
 from vrte.scene.illumination import mirror_stokes
 from vrte.scene.scene import Scene

@@ -12,8 +12,7 @@ from vrte.basics.errors import AccuracyWarning, SceneError, warn_user
 from vrte.basics.splines import make_cosines
 from vrte.calls.brdf import brdf, make_brdf
 from vrte.calls.derivatives import find_light
-from vrte.calls.forecast import predict_seconds
-from vrte.calls.plan import make_request
+from vrte.calls.plan import make_request, predict_seconds
 from vrte.request.how import EXACT, complete_docstring
 from vrte.results.brdf import Brdf
 from vrte.results.result import find_finest_nodes

@@ -11,14 +11,13 @@ from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, share_progress
 from vrte.calls.brdfs import solve_brdfs
-from vrte.calls.forecast import warn_runtime_of_all
-from vrte.calls.plan import make_request
+from vrte.calls.plan import make_request, warn_runtime_of_all
 from vrte.formats.scene_family import SceneFamily
 from vrte.formats.scene_file import SceneFile, make_scene_file, read_content, read_listed_wavelengths, read_scene
 from vrte.request.how import complete_docstring
 from vrte.request.request import Request
 from vrte.results.spectrum import Spectrum, add_scene_text, check_ascending
-from vrte.scene.variation import Variation
+from vrte.scene.vary import Variation
 
 Source = str | os.PathLike[str] | Mapping[str, Any]  # a scene file, or its content
 

@@ -9,9 +9,8 @@ from importlib import metadata
 from pathlib import Path
 
 from vrte import _core
-from vrte.basics.blas import find_blas_libraries
 from vrte.basics.errors import DeviceError, MissingExtraError
-from vrte.basics.running import count_usable_cpus
+from vrte.basics.running import count_usable_cpus, find_blas_libraries
 from vrte.cl import device
 
 FEATURES = ("sse4_2", "avx", "avx2", "fma", "f16c", "avx512f", "avx512dq", "avx512vl", "asimd", "sve")

@@ -8,12 +8,11 @@ from numpy.typing import NDArray
 
 from vrte.basics.arrays import Array, check_number, check_vector
 from vrte.basics.errors import SceneError
-from vrte.calls.forecast import warn_runtime_of_all
-from vrte.calls.plan import make_request
+from vrte.calls.plan import make_request, warn_runtime_of_all
 from vrte.calls.radiance import radiance
 from vrte.request.how import complete_docstring
 from vrte.request.request import Request
-from vrte.results.views import Views
+from vrte.results.field import Views
 from vrte.scene.scene import Scene
 
 MOST_GEOMETRIES = 1_000_000

@@ -42,13 +42,13 @@ def show_devices(options: argparse.Namespace) -> None:
         raise
     print(describe_devices(found, taken, reason, complaints))
     if options.measure:
-        from vrte.commands import device_speed
+        from vrte.commands.verify_device import describe_rates, measure_costs, measure_rates
 
         with device.raise_device_errors(), show_progress() as (phase, tick):
             phase("products")
-            rates = device_speed.measure_rates(device.session(), count_usable_cpus(), tick)
-            costs = device_speed.measure_costs(device.session())
-        print(f"\n{costs}\n{device_speed.describe_rates(rates, count_usable_cpus())}")
+            rates = measure_rates(device.session(), count_usable_cpus(), tick)
+            costs = measure_costs(device.session())
+        print(f"\n{costs}\n{describe_rates(rates, count_usable_cpus())}")
     if options.verify is not None:
         from vrte.commands.verify_device import verify_device
 

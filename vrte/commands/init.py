@@ -6,8 +6,7 @@ import shlex
 from pathlib import Path
 
 from vrte.basics.errors import SceneError
-from vrte.commands.common import Parser, write, write_text
-from vrte.commands.pages import STARTERS
+from vrte.commands.common import STARTERS, Parser, write, write_text
 
 FOLDER = Path(__file__).parents[1] / "starters"
 

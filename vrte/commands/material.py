@@ -15,8 +15,7 @@ from vrte.commands.common import PICTURES, Parser, show_progress, write, write_t
 from vrte.formats.atomic import write_sealed_text
 from vrte.formats.columns import read_index
 from vrte.formats.materials import SUFFIX, ReadyMaterial, choose_material, expand_materials, find_material
-from vrte.formats.named import find_known_wavelengths
-from vrte.formats.scene_file import make_scene_file
+from vrte.formats.scene_file import find_known_wavelengths, make_scene_file
 from vrte.formats.toml_table import Table, write_toml
 from vrte.optics.refractive_index import MATERIALS, Material, refractive_index
 from vrte.optics.spheres import spheres

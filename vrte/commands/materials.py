@@ -5,7 +5,7 @@ import argparse
 from vrte.commands.common import PICTURES, Parser, check_extra, show_progress, write
 from vrte.formats.materials import list_materials
 from vrte.pictures.figures import save_figure
-from vrte.render.colour import FEWEST, MOST
+from vrte.render.sky import FEWEST, MOST
 
 
 def add(command: Parser) -> None:

@@ -3,8 +3,7 @@
 from collections.abc import Sequence
 from importlib import import_module
 
-from vrte.commands.common import Parser
-from vrte.commands.pages import COMMANDS
+from vrte.commands.common import COMMANDS, Parser
 
 TOUR = (
     ("vrte init powder", "writes powder.toml, a scene file with comments"),

@@ -19,7 +19,7 @@ from vrte.commands.describe import describe, print_times
 from vrte.formats import measured_polarized as mitsuba
 from vrte.formats import result_file
 from vrte.formats.contents import Result
-from vrte.formats.csv_table import write_csv
+from vrte.formats.result_file import write_csv
 from vrte.formats.scene_family import SceneFamily
 from vrte.formats.scene_file import SceneFile, read_content, read_listed_wavelengths, read_scene
 from vrte.request.how import OPTIONS

@@ -54,8 +54,7 @@ def make_first_sessions(path: Path | None) -> Any:
     from vrte.app.solving.solve import make_outcome
     from vrte.app.solving.tab_session import TabSessions
     from vrte.formats import load
-    from vrte.formats.named import find_named_tables
-    from vrte.formats.scene_file import read_content
+    from vrte.formats.scene_file import find_named_tables, read_content
 
     if path is None:
         return TabSessions()

@@ -18,8 +18,7 @@ from vrte.fit.model import make_model
 from vrte.fit.problem import JACOBIANS, LOSSES, MOST_STARTS, FitProblem, Parameter
 from vrte.fit.result import ARRAYS, Fit, Start
 from vrte.formats.atomic import check_file_name, read_journal, write_journal
-from vrte.formats.named import find_named_tables
-from vrte.formats.scene_file import read_content
+from vrte.formats.scene_file import find_named_tables, read_content
 from vrte.formats.toml_table import Table
 from vrte.scene.scene import Scene
 

@@ -12,12 +12,11 @@ from vrte.basics.differences import STEP, sample_around
 from vrte.basics.errors import SceneError
 from vrte.fit.quantities import BeamShares
 from vrte.request.request import Request, make_brdf_request, make_radiance_request
-from vrte.results.solution import Solution
+from vrte.results.result import Solution
 from vrte.scene.beams import find_direct_light, locate_depths
 from vrte.scene.illumination import mirror_mueller
 from vrte.scene.scene import Scene
-from vrte.scene.variation import Variation
-from vrte.scene.vary import move_scene, turn_variation
+from vrte.scene.vary import Variation, move_scene, turn_variation
 
 MOST_TOGETHER = 200_000  # pairs of directions of a solve; where there are more, each incidence has a solve of its own
 

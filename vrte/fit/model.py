@@ -25,8 +25,8 @@ from vrte.basics.arrays import Array
 from vrte.basics.differences import STEP, sample_around
 from vrte.basics.errors import SceneError
 from vrte.basics.running import run_interruptible
+from vrte.calls.batch import run_side_by_side
 from vrte.calls.derivatives import read_derivatives, solve_with_derivatives
-from vrte.calls.side_by_side import run_side_by_side
 from vrte.calls.spectrum import name_wavelength
 from vrte.fit.light import Seen, Sight, Solved, make_scene_jet, read_sight
 from vrte.fit.measurement import Measurement
@@ -38,7 +38,7 @@ from vrte.request.how import EXACT
 from vrte.results.spectrum import check_ascending
 from vrte.scene.illumination import hemisphere
 from vrte.scene.scene import Scene
-from vrte.scene.variation import Variation
+from vrte.scene.vary import Variation
 
 ACCURACY = 1e-5  # of a solve, where neither nodes nor an accuracy is asked for
 Wavelength = float | None

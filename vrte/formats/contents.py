@@ -15,10 +15,9 @@ import numpy as np
 from vrte.basics.arrays import put_in_one_line
 from vrte.basics.errors import SceneError, import_extra
 from vrte.results.brdf import BRDF_DERIVATIVES, Brdf
-from vrte.results.field import FIELD_DERIVATIVES, Field
+from vrte.results.field import FIELD_DERIVATIVES, Field, Views
 from vrte.results.quantities import MUELLER, STOKES
 from vrte.results.spectrum import SCENE, Spectrum
-from vrte.results.views import Views
 
 if TYPE_CHECKING:
     import xarray

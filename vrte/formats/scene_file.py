@@ -1,4 +1,4 @@
-"""A scene file (TOML): what light meets, and what is asked about it.
+"""A scene file (TOML): what light meets, what is asked about it, and which substances and files it names.
 
 Every key is checked before anything is computed; a key that nobody knows is an error, because a mistyped one
 would silently leave its default in place. Tables of one's own, coefficients and refractive indices, are
@@ -7,33 +7,38 @@ looked for beside the scene file.
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from vrte.basics.errors import SceneError
+from vrte.basics.errors import Place, SceneError
 from vrte.formats.atomic import read_text
-from vrte.formats.bases import read_base
+from vrte.formats.bases import BASES, read_base_table
+from vrte.formats.columns import read_index
 from vrte.formats.keys import (
+    TABLE,
     WAVE_KEYS,
     Choice,
+    FilePath,
     Flag,
     Key,
     Numbers,
     Other,
     Reading,
+    Substance,
     find_given_as,
+    join_rows,
     list_names,
     read_keys,
 )
-from vrte.formats.layers import FilledLayer, make_layer, read_layers
-from vrte.formats.materials import WORDS, read_words
-from vrte.formats.paints import expand_content, locate_expanded_errors
-from vrte.formats.particle_sources import Compute, Kinds, make_particles
+from vrte.formats.layers import LAYER, FilledLayer, make_layer, read_layers
+from vrte.formats.materials import WORDS, expand_content, expand_paint, locate_expanded_errors, read_words
+from vrte.formats.particle_sources import HOST, SIZED, SOURCES, Compute, Kinds, make_particles
 from vrte.formats.toml_table import LARGEST_FILE, Table, locate_errors, parse_toml
 from vrte.optics.particles import Particles
+from vrte.optics.refractive_index import find_wavelength_range
 from vrte.request.how import AUTO, OPTIONS
 from vrte.request.request import SIDES
 from vrte.scene.scene import Scene
@@ -168,6 +173,57 @@ def make_scene_file(
     with locate_expanded_errors(content):
         kinds = Kinds(compute, reading)
         layers = read_layers(reading)  # all are checked before one is made
-        base = read_base(reading)
+        base = read_base_table(reading)
         made: list[Any] = [make_layer(*layer, kinds, filled) for layer in layers]
     return SceneFile(Scene(made, base), kind, request, options, kinds.computed, asked=asked, filled=filled)
+
+
+def list_keys(content: Mapping[str, Any]) -> Iterator[tuple[Place, Key, Any]]:
+    """Every key of a registry that a scene file's content gives: its place (of a paint, where it is expanded), what it
+    is, and its value."""
+    with suppress(SceneError):
+        content = expand_paint(content)
+    particles, layers = content.get("particles"), content.get("layer")
+    yield from list_given((), content, HOST)
+    for name, kind in particles.items() if isinstance(particles, dict) else ():
+        yield from list_given(("particles", name), kind, join_rows(SOURCES) | SIZED | HOST)
+    for number, layer in enumerate(layers if isinstance(layers, list) else []):
+        yield from list_given(("layer", number), layer, LAYER)
+    yield from list_given(("base",), content.get("base"), join_rows(BASES))
+
+
+def list_given(place: Place, table: Any, keys: Mapping[str, Key]) -> Iterator[tuple[Place, Key, Any]]:
+    """Those of the keys that a table has, and those of the tables below it."""
+    for name, key in keys.items() if isinstance(table, dict) else ():
+        if name in table:
+            yield (*place, name), key, table[name]
+            yield from list_given((*place, name), table[name], key.inside)
+
+
+def list_substances(content: Mapping[str, Any]) -> Iterator[tuple[Place, str]]:
+    """Names of substances, and of tables of one's own, with the places of a scene file that have them."""
+    found = list_keys(content)
+    return ((place, value) for place, key, value in found if isinstance(key, Substance) and isinstance(value, str))
+
+
+def find_named_tables(content: Mapping[str, Any]) -> dict[Place, str]:
+    """The files that a scene file names, by the place that does."""
+    endings = (
+        (place, value, key.suffixes if isinstance(key, FilePath) else TABLE if isinstance(key, Substance) else ())
+        for place, key, value in list_keys(content)
+    )
+    return {place: value for place, value, ending in endings if isinstance(value, str) and value.endswith(ending)}
+
+
+def find_known_wavelengths(content: Mapping[str, Any], folder: Path = Path()) -> tuple[float, float, str]:
+    """The wavelengths [um] from and to which all indices of a scene file are known, and the last substance that ends
+    them; (0, inf, "") where none does. Indices that are wrong count as known. Raises OSError."""
+    found = (0.0, math.inf, "")
+    with suppress(SceneError):
+        content = expand_content(content, folder)
+    for _, index in list_substances(content):
+        with suppress(SceneError):
+            low, high = find_wavelength_range(read_index(folder / index) if index.endswith(TABLE) else index)
+            if low > found[0] or high < found[1]:
+                found = max(low, found[0]), min(high, found[1]), index
+    return found

@@ -17,10 +17,9 @@ from vrte.discrete_ordinates.planning.choose_quadrature import choose_first_node
 from vrte.methods.parts.auto import choose_by_rule
 from vrte.methods.parts.method import NODES, Answer, Method, Setting, Settings, Task
 from vrte.methods.parts.refinement import describe_unseen, measure_difference, refine, share_steps
-from vrte.request.backends import Backend
-from vrte.request.how import AUTO, EXACT, METHODS
+from vrte.request.how import AUTO, EXACT, METHODS, Backend
 from vrte.request.request import Request, estimate_operations
-from vrte.results.solution import Solution
+from vrte.results.result import Solution
 
 TABLE = Path(__file__).with_name("methods.toml")
 
@@ -33,15 +32,16 @@ def find_method(name: str) -> Method:
     True
     """
     assert name in METHODS
-    module = import_module(f"vrte.methods.{name.replace('-', '_')}")
     row = tomllib.loads(TABLE.read_text("utf-8"))[name]
+    file, _, solve = row["solve"].rpartition(".")
+    module = import_module(f"vrte.methods.{file or name.replace('-', '_')}")
     by_accuracy = getattr(module, "BY_ACCURACY", {})
     row["settings"] = {
         key: Setting(f"setting {key!r} of method {name!r}", **values, for_accuracy=by_accuracy.get(key))
         for key, values in row.get("settings", {}).items()
     }
     operations = getattr(module, "predict_operations", None)
-    return Method(name, **row | {"solve": getattr(module, row["solve"])}, operations=operations)
+    return Method(name, **row | {"solve": getattr(module, solve)}, operations=operations)
 
 
 def choose_method(request: Request) -> Request:

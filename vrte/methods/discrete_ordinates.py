@@ -15,10 +15,9 @@ from vrte.discrete_ordinates.planning.choose_quadrature import CAREFUL, OF_NODES
 from vrte.discrete_ordinates.planning.forecast import plan_within_limit
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.methods.parts.method import Answer, Task
-from vrte.request.backends import Backend
-from vrte.request.how import EXACT
+from vrte.request.how import EXACT, Backend
 from vrte.request.request import Request
-from vrte.results.solution import NO_LIGHT, Solution
+from vrte.results.result import NO_LIGHT, Solution
 
 GOOD = 1e-2  # accuracy that nodes are told for where there are too few
 RUNAWAY = 1e-3  # of the largest light: negative light of rough surfaces beyond is no matter of accuracy

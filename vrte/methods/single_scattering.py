@@ -8,7 +8,7 @@ from vrte.basics import cost
 from vrte.basics.arrays import Array
 from vrte.basics.quadrature import make_double_gauss
 from vrte.methods.parts.method import NODES, Answer, Task, discretise_request
-from vrte.request.wanted import Wanted
+from vrte.request.request import Wanted
 
 
 def solve_by_single_scattering(task: Task) -> Answer:

@@ -12,8 +12,8 @@ import numpy as np
 
 from vrte.basics import cost
 from vrte.basics.arrays import Array
-from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.errors import AccuracyWarning, warn_user
+from vrte.basics.running import keep_to_one_thread
 from vrte.discrete_ordinates.planning.order_bounds import find_order_bounds
 from vrte.methods.parts.method import Answer, Fluxes, Settings, Task
 from vrte.methods.parts.sections import (

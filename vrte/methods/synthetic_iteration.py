@@ -13,20 +13,24 @@ import numpy as np
 
 from vrte import _core
 from vrte.basics.arrays import Array, IntArray
-from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.errors import SceneError
-from vrte.basics.running import Run
+from vrte.basics.running import Run, keep_to_one_thread
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.truncating import find_peak_flux
 from vrte.methods import solve_request
-from vrte.methods.diffusion import BOUNDARIES, solve_diffusion
 from vrte.methods.parts.method import Answer, Task, discretise_request
 from vrte.methods.parts.sections import POINTS, Order, Section, Sections
 from vrte.methods.parts.slab import connect_media
-from vrte.methods.parts.two_fluxes import TwoFluxes, convert_to_kernels, cut_to_two
 from vrte.methods.small_angle import expand_diffuse_part
-from vrte.methods.two_stream import solve_two_streams
+from vrte.methods.two_fluxes import (
+    BOUNDARIES,
+    TwoFluxes,
+    convert_to_kernels,
+    cut_to_two,
+    solve_diffusion,
+    solve_two_streams,
+)
 from vrte.optics.phase_matrix import PhaseMatrix
 from vrte.request.how import EXACT
 from vrte.request.request import Request

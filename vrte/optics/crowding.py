@@ -1,4 +1,17 @@
-"""Particles close to each other: how they scatter where the light of neighbours interferes, by a named model each."""
+"""Particles close to each other: how they scatter where the light of neighbours interferes, by a named model each.
+
+Hard spheres of many sizes lie side by side after Percus and Yevick. With n_i spheres of diameter d_i a volume,
+xi_k = pi/6 sum n_i d_i^k, the matrix of structure factors is S(q) = [Q(q)^H Q(q)]^-1 with Baxter's factor
+
+    Q_ij(q) = delta_ij - 2 pi sqrt(n_i n_j) int_s^r [a_i/2 (t^2 - r^2) + b_i (t - r)] exp(iqt) dt,
+    s = (d_i - d_j)/2,  r = (d_i + d_j)/2,
+    a_i = (1 - xi_3 + 3 d_i xi_2)/(1 - xi_3)^2,  b_i = -3/2 d_i^2 xi_2/(1 - xi_3)^2
+
+Counted from s, the integral is exp(iq(d_i - d_j)/2) times two products of what belongs to i and what belongs to j: Q is
+the identity less a matrix of rank 2, whose spherical Bessel functions lose no digits at small q (Baxter, J. Chem. Phys.
+52, 4559 (1970); Vrij, J. Chem. Phys. 71, 3267 (1979)). The index that light meets in a host full of spheres is real,
+that of the wave's phase: what is scattered out of it is the layer's affair.
+"""
 
 import math
 from collections.abc import Callable, Sequence
@@ -7,15 +20,17 @@ from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from vrte._core import coated_sphere_coefficients
 from vrte.basics.arrays import Array, show_value
 from vrte.basics.errors import SceneError, warn_user
-from vrte.optics.effective_medium import Kinds, find_coherent_potential_index, find_maxwell_garnett_index, list_sizes
-from vrte.optics.hard_spheres import join_amplitudes
 from vrte.optics.particles import Particles, mixture
 from vrte.optics.phase_matrix import MOST_TERMS, PhaseMatrix
 from vrte.optics.populations import (
+    FEWEST_RADII,
     LEFT_OUT,
+    Complex,
     Population,
     average_population,
     compute_angular_functions,
@@ -27,7 +42,112 @@ from vrte.optics.populations import (
     sum_amplitudes,
     sum_bulk,
 )
-from vrte.optics.spheres import average_ball
+from vrte.optics.spheres import average_ball, count_orders
+
+
+def compute_structure_factor(q_um: ArrayLike, radius_um: float, volume_fraction: float) -> Array:
+    """Structure factor S(q) (n,) of hard spheres of one radius [um]: their light together over that of each alone, at q
+    = 2 k sin(theta/2) [1/um] (n,), k in the medium."""
+    q = np.asarray(q_um, dtype=np.float64)
+    alone = np.ones((1, 1, q.size), dtype=np.complex128)
+    return np.abs(join_amplitudes(alone, q, np.array([radius_um]), np.ones(1), volume_fraction)[0, 0]) ** 2
+
+
+def join_amplitudes(amplitudes: Complex, q: Array, radii: Array, weights: Array, volume_fraction: float) -> Complex:
+    """Q^-H F of amplitudes F (kinds, sizes, angles), each times the root of its size's number share ``weights``: sums
+    over sizes of products F F'* become sums over pairs, F_i S_ij F'_j*."""
+    start, end = find_factors(q, radii, weights, volume_fraction)
+    # Woodbury: (1 - v* u^H)^-1 = 1 + v* (1 - u^H v*)^-1 u^H, with matrices of rank 2
+    inner = np.eye(2) - np.einsum("kis,lis->skl", start.conj(), end.conj())
+    shared = np.linalg.solve(inner, np.einsum("kis,fis->skf", start.conj(), amplitudes))
+    return amplitudes + np.einsum("kis,skf->fis", end.conj(), shared)
+
+
+def find_factors(q: Array, radii: Array, weights: Array, volume_fraction: float) -> tuple[Complex, Complex]:
+    """u and v of Q_ij = delta_ij - sum over k of u_ki v_kj: each (2, sizes, angles)."""
+    from scipy.special import spherical_jn
+
+    diameter = 2.0 * radii[:, None]
+    filling = math.pi / 6.0 * (weights @ diameter**3)
+    root = np.sqrt(weights * volume_fraction / filling)[:, None]  # of n_i
+    free = 1.0 - volume_fraction
+    crowd = volume_fraction * (weights @ diameter**2) / (weights @ diameter**3)  # xi_2
+    phase = q * radii[:, None]  # q d/2
+    j0, j1, j2 = (spherical_jn(order, phase) for order in range(3))
+    turn = root * np.exp(1j * phase)
+    start = np.stack([turn * (0.5 * (1.0 + 3.0 * diameter * crowd / free) / free), turn * (0.5 * diameter / free)])
+    shell = 2.0 * math.pi * root * radii[:, None] ** 2
+    # int (s^2 - 1) exp(iys) ds = -4 j1(y)/y and int (s - 1) exp(iys) ds = 2i j1(y) - 2 j0(y), both from -1 to 1
+    end = np.stack([shell * radii[:, None] * (-4.0 / 3.0 * (j0 + j2)), shell * (2j * j1 - 2.0 * j0)])
+    return start, end
+
+
+Kinds = Sequence[tuple[Any, float]]  # balls with number shares, in one host at one wavelength
+FEW = 1e-3  # volume fraction up to which an index rises in proportion to it
+STEP, STEP_OF_PHASE, FURTHEST = 0.01, 0.1, 2.0  # of the host's index, in search of another; of a sphere; a factor
+
+
+def list_sizes(kinds: Kinds) -> tuple[Array, Array, Array]:
+    """Radii [um] of spheres of all kinds, their number shares, and the permittivity of each: all (sizes,)."""
+    rows = []
+    for ball, share in kinds:
+        radii, weights = ball.read_quadrature(FEWEST_RADII, 6)
+        rows.append((radii, share * weights, [ball.find_permittivity(float(radius)) for radius in radii]))
+    radii, weights, permittivities = map(np.concatenate, zip(*rows, strict=True))
+    return radii, weights, permittivities
+
+
+def find_maxwell_garnett_index(kinds: Kinds, volume_fraction: float) -> float:
+    """Maxwell Garnett's index of a host with spheres much smaller than the wavelength: (e - e_h)/(e + 2 e_h) = sum over
+    kinds of f_k (e_k - e_h)/(e_k + 2 e_h). Source: Bohren and Huffman (1983), section 8.5."""
+    radii, weights, permittivities = list_sizes(kinds)
+    host = kinds[0][0].host ** 2
+    volumes = weights * radii**3
+    dipoles = volume_fraction * complex(volumes @ ((permittivities - host) / (permittivities + 2.0 * host)))
+    dipoles /= float(volumes.sum())
+    return float(np.sqrt(host * (1.0 + 2.0 * dipoles) / (1.0 - dipoles)).real)
+
+
+def find_coherent_potential_index(kinds: Kinds, volume_fraction: float) -> float:
+    """The index of the coherent potential: around it, spheres in shells of host do not change the phase of light.
+
+    A sphere of radius r stands in a shell of host up to r volume_fraction^(-1/3), in the medium that is looked for: the
+    imaginary part of S(0), summed over sizes, is zero there. Small spheres have Maxwell Garnett's index, few ones
+    van de Hulst's. The solution is the first one from the host's index on. Coated spheres count as homogeneous ones of
+    the same static polarizability. Raises SceneError where there is no solution up to a factor of 2.
+
+    Source: Soukoulis, Datta and Economou, Phys. Rev. B 49, 3800 (1994), of which the condition on the phase is taken.
+    """
+    from scipy.optimize import brentq
+
+    radii, weights, permittivities = list_sizes(kinds)
+    host, wavelength = kinds[0][0].host, kinds[0][0].wavelength_um
+    if volume_fraction < FEW:
+        return host + volume_fraction / FEW * (find_coherent_potential_index(kinds, FEW) - host)
+    substances, shells = np.sqrt(permittivities), radii * volume_fraction ** (-1.0 / 3.0)
+    most = count_orders(2.0 * math.pi * FURTHEST * host / wavelength * float(shells.max()) * (1.0 + STEP))
+    twice = np.arange(3.0, 2.0 * most + 2.0, 2.0)  # 2 n + 1
+
+    def advance(index: float) -> float:
+        """The phase that light gains by the spheres, with any positive factor."""
+        wavenumber = 2.0 * math.pi * index / wavelength
+        sizes = wavenumber * radii, wavenumber * shells
+        orders = np.array([*map(count_orders, sizes[1].tolist())], np.int32)
+        indices = np.array([substances, np.full(radii.size, host)], np.complex128) / index
+        found = coated_sphere_coefficients(indices[0], indices[1], *sizes, orders)
+        gained = -weights @ (found.imag @ twice[: found.shape[2]]).sum(axis=1)  # Im S(0)
+        return float(gained) / wavenumber**3
+
+    phase = 2.0 * math.pi * host / wavelength * float(weights @ shells**3) / float(weights @ shells**2)
+    before, sign = host, math.copysign(1.0, advance(host))
+    step = sign * host * min(STEP, STEP_OF_PHASE / phase)
+    while host / FURTHEST < before < host * FURTHEST:
+        if sign * advance(before + step) <= 0.0:
+            return float(brentq(advance, before, before + step, xtol=1e-12, rtol=1e-12))
+        before += step
+    words = "has no solution for these spheres at this volume fraction"
+    raise SceneError.of("layer: packing", f'"coherent-potential" {words}; "effective-medium" always has')
+
 
 INDEPENDENT, PERCUS_YEVICK = "independent", "percus-yevick"
 EFFECTIVE_MEDIUM, COHERENT_POTENTIAL = "effective-medium", "coherent-potential"

@@ -19,9 +19,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from vrte.basics.arrays import Array
+from vrte.basics.arrays import Array, Remembered
 from vrte.basics.quadrature import RefractedNodes, make_double_gauss, make_refracted_nodes
-from vrte.basics.remembering import Remembered
 from vrte.optics.facet_integrals import gather_orders
 from vrte.optics.facets import RoughSurface
 from vrte.optics.fresnel import reflect_smooth

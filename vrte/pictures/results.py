@@ -347,7 +347,7 @@ def draw_spectrum(spectrum: Spectrum, width: float = 9.6, height: float = 4.2) -
 
 def reflectance(found: Any, wavelength_um: Sequence[float], index: int) -> Any:
     """Reflectance of light from ``mu_i[place]`` against the wavelength; of one wavelength, against the angle of
-    incidence; ``found`` is `vrte.app.solving.messages.Reflectances`. Raises MissingExtraError without Plotly."""
+    incidence; ``found`` is `vrte.app.solving.worker.Reflectances`. Raises MissingExtraError without Plotly."""
     angle = np.degrees(np.arccos(found.mu_i))
     spectral = len(wavelength_um) > 1
     x = np.array(wavelength_um) if spectral else angle

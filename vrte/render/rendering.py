@@ -10,13 +10,11 @@ import numpy as np
 from vrte.appearance.colours import import_colour_science
 from vrte.basics.arrays import Array
 from vrte.optics.facets import RoughSurface
-from vrte.render import colour
 from vrte.render.geometry import UP, place_camera, place_lens
-from vrte.render.objects import CHANNELS, Stage, draw_background, draw_object, weigh_channels
+from vrte.render.objects import CHANNELS, Stage, View, draw_background, draw_object, weigh_channels
 from vrte.render.setting import SPHERE, Material, PictureSetting
 from vrte.render.shapes import find_shape
-from vrte.render.sky import Sky, make_sky
-from vrte.render.spheres import View
+from vrte.render.sky import NEEDED, Film, Sky, make_film, make_sky, weigh_wavelengths
 from vrte.render.surfaces import SceneLight, compute_irradiance
 from vrte.render.tables import BrdfTable, Resolution, leave_out_facets, tabulate_brdf
 from vrte.results.brdf import Brdf
@@ -42,7 +40,7 @@ class Rendering:
     xyz: Array
     stokes: Array
     cover: Array
-    film: colour.Film
+    film: Film
     errors: Sequence[float]
     apart: float = 0.0
 
@@ -67,7 +65,7 @@ def compute_pictures(
     """The pictures of all materials, or the one in which they stand beside each other; ``progress`` is called with
     (steps done, steps, what begins). The first of ``resolutions`` that is fine enough is taken, or the last. Raises
     MissingExtraError, SceneError, and what `vrte.brdf` raises."""
-    import_colour_science(*colour.NEEDED)
+    import_colour_science(*NEEDED)
     done, steps = 0, sum(2 * material.wavelengths_um.size for material in materials)  # a table and a picture each
 
     def step(count: int, title: str) -> None:
@@ -105,12 +103,12 @@ class Lit:
         return make_sky(setting.sky, wavelengths, setting.sun_elevation_deg, setting.ground_albedo)
 
     @cached_property
-    def weighed(self) -> tuple[Array, colour.Film]:
+    def weighed(self) -> tuple[Array, Film]:
         """The observer, for whom a white Lambertian surface that faces the sun has Y = 1, and the film for the light
         that falls on level ground."""
-        observer = colour.weigh_wavelengths(self.material.wavelengths_um)
+        observer = weigh_wavelengths(self.material.wavelengths_um)
         white = observer @ compute_irradiance(self.sky, np.stack([-self.sky.beam, UP])) / np.pi
-        return observer / white[1, 0], colour.make_film(white[:, 1], self.setting.exposure)
+        return observer / white[1, 0], make_film(white[:, 1], self.setting.exposure)
 
     @cached_property
     def first(self) -> tuple[BrdfTable, float]:

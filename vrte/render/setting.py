@@ -10,15 +10,20 @@ import numpy as np
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.calls.spectrum import spectrum
-from vrte.formats.named import find_known_wavelengths, list_substances
-from vrte.formats.paints import expand_content
+from vrte.formats.materials import expand_content
 from vrte.formats.particle_sources import check_particles
-from vrte.formats.scene_file import FILE_KEYS, make_scene_file, read_content, read_listed_wavelengths
+from vrte.formats.scene_file import (
+    FILE_KEYS,
+    find_known_wavelengths,
+    list_substances,
+    make_scene_file,
+    read_content,
+    read_listed_wavelengths,
+)
 from vrte.formats.toml_table import Table
 from vrte.optics.facets import RoughSurface
-from vrte.render.colour import FEWEST, FROM_UM, MOST, TO_UM, choose_wavelengths
 from vrte.render.shapes import SHAPES, SUFFIXES
-from vrte.render.sky import KINDS
+from vrte.render.sky import FEWEST, FROM_UM, KINDS, MOST, TO_UM, choose_wavelengths
 from vrte.results.brdf import Brdf
 from vrte.results.spectrum import check_ascending
 

@@ -15,10 +15,10 @@ from vrte.basics.arrays import Array
 from vrte.calls.brdf import brdf
 from vrte.calls.material import material
 from vrte.formats.materials import list_materials
-from vrte.formats.named import find_known_wavelengths
+from vrte.formats.scene_file import find_known_wavelengths
 from vrte.pictures.describe import INK, Axis, Curve, Picture, PlotPanel, Swatch, Words
 from vrte.pictures.figures import draw_picture
-from vrte.render.colour import FEWEST, NEEDED, choose_wavelengths, make_film, weigh_wavelengths
+from vrte.render.sky import FEWEST, NEEDED, choose_wavelengths, make_film, weigh_wavelengths
 from vrte.scene.boundary import Lambertian
 from vrte.scene.interface import Interface
 from vrte.scene.scene import Scene

@@ -1,11 +1,14 @@
 """How something is solved: every option once, with its default, its check, and the words that users read of it.
 
-The calls, sweeps, scene files and the command line all take their options from here."""
+The calls, sweeps, scene files and the command line all take their options from here. A backend is which kernels do the
+work, and which linear algebra: Table 1 of the GPU paper, and its six configurations, are made of these.
+"""
 
 import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
+from enum import Enum
 from functools import lru_cache
 from pathlib import Path
 from pkgutil import iter_modules
@@ -16,8 +19,36 @@ from vrte.basics import cost
 from vrte.basics.arrays import check_choice, check_flag, check_number, check_whole, show_value
 from vrte.basics.errors import SceneError
 from vrte.optics.truncation import CHOICES
-from vrte.request.backends import BACKENDS, Backend, find_backend
 from vrte.scene.illumination import SIDES
+
+
+class Backend(Enum):
+    """kernels: the compiled core on one thread ("sequential") or all ("openmp"), or the OpenCL device; linear_algebra:
+    LAPACK on the processor, or products and inverses of all orders at once on the OpenCL device."""
+
+    OPENMP = "openmp", "openmp", "lapack"
+    SEQUENTIAL = "sequential", "sequential", "lapack"
+    SEQUENTIAL_DEVICE = "sequential+device", "sequential", "device"
+    OPENCL_LAPACK = "opencl+lapack", "opencl", "lapack"
+    OPENCL = "opencl", "opencl", "device"
+
+    def __init__(self, label: str, kernels: str, linear_algebra: str) -> None:
+        self.label, self.kernels, self.linear_algebra = label, kernels, linear_algebra
+        self.needs_device = kernels == "opencl" or linear_algebra == "device"
+
+
+_BY_LABEL = {backend.label: backend for backend in Backend}
+BACKENDS = tuple(_BY_LABEL)
+
+
+def find_backend(label: str) -> Backend:
+    """The backend of that label.
+
+    >>> find_backend("opencl").linear_algebra
+    'device'
+    """
+    return _BY_LABEL[label]
+
 
 EXACT = "discrete-ordinates"
 AUTO = "auto"  # one of the methods, by the rules of vrte/methods/parts/auto.py

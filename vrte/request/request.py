@@ -1,6 +1,7 @@
-"""What a user asks for, checked before any work."""
+"""What a user asks for, checked before any work, and which parts of the solution become which arrays of the result."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +11,7 @@ from vrte.basics import cost
 from vrte.basics.arrays import (
     Array,
     BoolArray,
+    IntArray,
     check_cosines,
     check_numbers,
     check_vector,
@@ -18,10 +20,28 @@ from vrte.basics.arrays import (
 )
 from vrte.basics.errors import SceneError
 from vrte.request.how import BY_RULE, How, check_choice, check_options
-from vrte.request.wanted import Wanted
 from vrte.scene.beams import locate_depths
 from vrte.scene.illumination import check_physical, mirror_stokes, turn_to_light
 from vrte.scene.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Wanted:
+    """What becomes of a solution.
+
+    parts: one array of the result each, indices of its depths (n_level,) and directions (n_mu,); place (n_col,): where
+    a column goes in the result's last axis, shared ones add up; scale (n_in,): factor of each incident direction.
+    """
+
+    parts: Sequence[tuple[IntArray, IntArray]]
+    place: IntArray
+    scale: Array
+
+    def doubles(self, n_phi: int) -> float:
+        """How many doubles the result takes."""
+        pairs = sum(float(levels.size) * directions.size for levels, directions in self.parts)
+        return 4.0 * (int(self.place.max()) + 1) * self.scale.size * n_phi * pairs
+
 
 SIDES = ("above", "below")  # of an interface
 UNIT_COLUMNS = make_readonly(np.eye(4))  # light in each of the Stokes parameters

@@ -1,11 +1,12 @@
-"""What all results share: arrays that nobody can write into, also in pickles, and what shows and writes them."""
+"""What a method finds, and what all results share: arrays that nobody can write into, also in pickles, and what shows
+and writes them."""
 
 import os
 from collections.abc import Iterable, Mapping
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
-from vrte.basics.arrays import freeze_copy, is_readonly
+from vrte.basics.arrays import Array, freeze_copy, is_readonly
 from vrte.basics.errors import SceneError
 from vrte.basics.views import view
 
@@ -106,3 +107,20 @@ def tell_derivatives(jacobian: dict[str, Any] | None) -> str:
     """
     count = len(jacobian or {})
     return f", {count} derivative{'s'[: count > 1]}" if count else ""
+
+
+NO_LIGHT = 1e-290  # per unit of incident light: below, numbers lose digits
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Radiance for each incident Stokes column, and fluxes.
+
+    parts: one array (n_level, n_in, n_mu, n_phi, 4, n_place) for each that was wanted, diffuse, public frame; flux_up,
+    flux_down (n_tau, n_in, n_col).
+    """
+
+    parts: list[Array]
+    flux_up: Array
+    flux_down: Array
+    diagnostics: dict[str, Any]

@@ -6,8 +6,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import FittedRangeWarning, SceneError, warn_user
-from vrte.scene.base_checks import CHECKED_COSINES, COARSE, ENERGY_ALLOWED, GRAZING
-from vrte.scene.boundary import SampledBase
+from vrte.scene.boundary import CHECKED_COSINES, COARSE, ENERGY_ALLOWED, GRAZING, SampledBase
 
 FORMULA_COSINES = np.concatenate([[0.01, 0.03], np.arange(0.06, 1.01, 0.04), [1.0]])  # of both directions, in checks
 AZIMUTHS = np.linspace(0.0, 180.0, 13)

@@ -25,8 +25,16 @@ from vrte.basics.splines import (
     repeat_grid,
     stretch_cosines,
 )
-from vrte.scene.base_checks import GRAZING, LARGEST_BASE, check_energy, check_physical, make_exit_rule
-from vrte.scene.boundary import Allowed, Boundary, Orders
+from vrte.scene.boundary import (
+    GRAZING,
+    LARGEST_BASE,
+    Allowed,
+    Boundary,
+    Orders,
+    check_energy,
+    check_physical,
+    make_exit_rule,
+)
 from vrte.scene.interface import HIGHEST_INDEX, INDEX_ALLOWED, LOWEST_INDEX
 
 DEGREE = 5  # of the splines over cosines

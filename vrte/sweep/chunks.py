@@ -13,7 +13,6 @@ from typing import Any, TypeVar
 import numpy as np
 
 from vrte.basics.arrays import put_in_one_line
-from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.errors import (
     AccuracyWarning,
     DeviceError,
@@ -23,11 +22,10 @@ from vrte.basics.errors import (
     SweepError,
     warn_user,
 )
-from vrte.basics.running import Run, run_interruptible
-from vrte.calls.alike import make_alike_request, solve_batches, sort_into_batches
+from vrte.basics.running import Run, keep_to_one_thread, run_interruptible
+from vrte.calls.batch import Share, make_alike_request, share_cores, solve_batches, sort_into_batches
 from vrte.calls.brdfs import solve_together
 from vrte.calls.energy import ENERGY
-from vrte.calls.side_by_side import Share, share_cores
 from vrte.formats.scene_file import make_scene_file
 from vrte.methods import make_run, solve_request
 from vrte.request.request import Request

@@ -10,7 +10,7 @@ from typing import Any
 
 from vrte.basics.arrays import put_in_one_line
 from vrte.basics.errors import MissingExtraError, SweepError, import_extra
-from vrte.calls.side_by_side import Share, share_cores
+from vrte.calls.batch import Share, share_cores
 from vrte.sweep.chunks import Job, make_processor_solver, open_work, perform
 from vrte.sweep.store import Work
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from vrte.basics.running import PATIENCE, wait_for
-from vrte.calls.side_by_side import Share, share_cores
+from vrte.calls.batch import Share, share_cores
 from vrte.sweep.chunks import Job, make_processor_solver, perform
 from vrte.sweep.store import Work
 

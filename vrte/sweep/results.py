@@ -29,7 +29,7 @@ from vrte.request.how import EXACT
 from vrte.request.request import Request, make_brdf_request, make_radiance_request
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
-from vrte.results.solution import Solution
+from vrte.results.result import Solution
 from vrte.results.spectrum import check_ascending
 from vrte.scene.scene import MOST_LAYERS
 

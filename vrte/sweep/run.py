@@ -14,10 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 from vrte.basics import cost
 from vrte.basics.arrays import check_choice, check_number, check_whole
-from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.errors import SceneError, warn_user
-from vrte.basics.running import Progress, count_usable_cpus
-from vrte.calls.forecast import warn_runtime_of_all
+from vrte.basics.running import Progress, count_usable_cpus, keep_to_one_thread
+from vrte.calls.plan import warn_runtime_of_all
 from vrte.formats.atomic import check_file_name
 from vrte.request.how import PRECISIONS, complete_docstring
 from vrte.request.request import Request

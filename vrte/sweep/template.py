@@ -26,10 +26,9 @@ from vrte.appearance.panel import make_panel
 from vrte.basics.arrays import Array
 from vrte.basics.errors import Place, SceneError
 from vrte.formats.contents import WAVELENGTH
-from vrte.formats.named import find_named_tables
-from vrte.formats.paints import expand_paint, find_expanded_place
+from vrte.formats.materials import expand_paint, find_expanded_place
 from vrte.formats.particle_sources import Compute
-from vrte.formats.scene_file import SceneFile, make_scene_file, read_content
+from vrte.formats.scene_file import SceneFile, find_named_tables, make_scene_file, read_content
 from vrte.formats.toml_table import (
     RANGE_KEYS,
     Table,

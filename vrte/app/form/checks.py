@@ -18,9 +18,8 @@ from vrte.app.form.fields import find_field, get_value
 from vrte.basics.errors import Place, SceneError
 from vrte.calls.plan import make_request
 from vrte.formats.keys import FilePath
-from vrte.formats.named import find_named_tables, list_keys
 from vrte.formats.particle_sources import check_particles
-from vrte.formats.scene_file import ANGLES, make_scene_file
+from vrte.formats.scene_file import ANGLES, find_named_tables, list_keys, make_scene_file
 from vrte.formats.toml_table import is_number, show_place, show_toml
 from vrte.optics.phase_matrix import MOST_TERMS, count_henyey_greenstein_terms
 
@@ -36,7 +35,7 @@ class PartRead:
     words: str = ""
     message: str = ""
     place: Place = ()
-    follows = False  # as `vrte.app.solving.messages.Message` has it
+    follows = False  # as `vrte.app.solving.worker.Message` has it
 
 
 def list_parts(content: Content, names: Collection[str]) -> Iterator[Place]:

@@ -12,9 +12,8 @@ from vrte.app.form.fields import get_value, list_places
 from vrte.basics.errors import Place, SceneError
 from vrte.formats.bases import BASES, FACETS, ROUGHNESS
 from vrte.formats.keys import Key, Substance, make_start
-from vrte.formats.layers import FILLINGS, THICKNESS_KEYS
+from vrte.formats.layers import FILLINGS, PHASES, THICKNESS_KEYS
 from vrte.formats.particle_sources import DIAMETERS, ONE, SIZE_KEYS, SIZES, SOURCES, SPHERES
-from vrte.formats.phases import PHASES
 from vrte.formats.scene_file import ANGLES, REQUEST_KEYS, SceneFile, read_listed_wavelengths
 from vrte.formats.toml_table import is_number, show_key, write_toml
 from vrte.optics.crowding import INDEPENDENT

@@ -10,9 +10,8 @@ from typing import Any
 from vrte.basics.errors import Place
 from vrte.formats.bases import BASES, INTERFACE
 from vrte.formats.keys import ONE_WAVELENGTH, SUBSTANCE_HINT, TABLE, FilePath, Key
-from vrte.formats.layers import SIDES
+from vrte.formats.layers import PHASES, SIDES
 from vrte.formats.particle_sources import DIAMETER_LABELS, DIAMETERS, HOST, ONE, SIZES, SOURCES, SPHERES
-from vrte.formats.phases import PHASES
 from vrte.formats.toml_table import RANGE_KEYS
 
 LONGEST_TEXT = 4000  # characters of a field

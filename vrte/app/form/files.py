@@ -14,10 +14,16 @@ from vrte.app.form.content import START, Content, count_of, list_page_wavelength
 from vrte.app.form.fields import find_field, write_field_text
 from vrte.basics.errors import SceneError
 from vrte.formats.keys import make_start
-from vrte.formats.materials import ReadyMaterial, expand_materials, list_materials, list_named
-from vrte.formats.named import find_named_tables
-from vrte.formats.paints import expand_paint, list_paints
-from vrte.formats.phases import PHASES
+from vrte.formats.layers import PHASES
+from vrte.formats.materials import (
+    ReadyMaterial,
+    expand_materials,
+    expand_paint,
+    list_materials,
+    list_named,
+    list_paints,
+)
+from vrte.formats.scene_file import find_named_tables
 from vrte.formats.toml_table import RANGE_KEYS, parse_toml, show_key, show_toml, write_toml
 
 MOST_OF_AXIS = 10  # wavelengths that are taken of a sweep's

@@ -18,10 +18,9 @@ from vrte.app.solving.tab_session import TabSession
 from vrte.basics.errors import Place
 from vrte.formats.bases import BASES, FACETS
 from vrte.formats.keys import TABLE, Choice, FilePath, Flag, Numbers, Substance
-from vrte.formats.named import find_named_tables
+from vrte.formats.layers import PHASES
 from vrte.formats.particle_sources import SOURCES
-from vrte.formats.phases import PHASES
-from vrte.formats.scene_file import ANGLES, REQUEST_KEYS
+from vrte.formats.scene_file import ANGLES, REQUEST_KEYS, find_named_tables
 from vrte.optics.crowding import INDEPENDENT, PACKINGS
 from vrte.optics.refractive_index import MATERIALS
 from vrte.optics.truncation import CHOICES

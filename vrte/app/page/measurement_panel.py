@@ -15,7 +15,7 @@ from vrte.app.page import controls
 from vrte.app.page.controls import add_bullets, add_button, add_heading, add_message, add_note, add_table, show
 from vrte.app.solving import measuring
 from vrte.app.solving.measuring import Compared
-from vrte.app.solving.messages import Fitted, Refused
+from vrte.app.solving.worker import Fitted, Refused
 from vrte.basics.errors import SceneError
 from vrte.formats.toml_table import is_number
 from vrte.pictures.fit import SCENE, measurement

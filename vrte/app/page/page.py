@@ -22,12 +22,11 @@ from vrte.app.page.result_panel import OF_BRDF, ResultPanel
 from vrte.app.server.guard import LARGEST_UPLOAD
 from vrte.app.solving import page_files
 from vrte.app.solving.measuring import is_measurement
-from vrte.app.solving.messages import Adopted, Outcome, Refused, Task, Written
 from vrte.app.solving.tab_session import TabSession
+from vrte.app.solving.worker import Adopted, Outcome, Refused, Task, Written
 from vrte.basics.errors import Place, SceneError
-from vrte.formats.materials import list_materials
-from vrte.formats.named import find_named_tables
-from vrte.formats.paints import list_paints
+from vrte.formats.materials import list_materials, list_paints
+from vrte.formats.scene_file import find_named_tables
 from vrte.formats.toml_table import is_number
 
 THEMES = {"auto": "as the system has it", "light": "light", "dark": "dark"}

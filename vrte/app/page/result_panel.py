@@ -13,8 +13,8 @@ from vrte.app.page import controls
 from vrte.app.page.appearance_panel import AppearancePanel
 from vrte.app.page.controls import add_bullets, add_heading, add_message, add_slider, select, show
 from vrte.app.page.measurement_panel import MeasurementPanel
-from vrte.app.solving.messages import Outcome, Reflectances
 from vrte.app.solving.tab_session import TabSession
+from vrte.app.solving.worker import Outcome, Reflectances
 from vrte.basics.errors import Place, SceneError
 from vrte.pictures import interactive
 from vrte.pictures import results as figures

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from vrte.app.form.content import Content
-from vrte.app.solving.messages import Message
-from vrte.app.solving.worker import MOST_NOTES, Exchange
+from vrte.app.solving.worker import MOST_NOTES, Exchange, Message
 from vrte.appearance.appearance import (
     COLOURS,
     InstrumentReading,

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from vrte.app.form.content import Content, list_page_wavelengths, select_wavelength
-from vrte.app.solving.messages import Fitted, Message, Progress, Refused, Step, Task
 from vrte.app.solving.page_files import collect_bytes, read_bytes
-from vrte.app.solving.worker import Exchange, explain_failure
+from vrte.app.solving.worker import Exchange, Fitted, Message, Progress, Refused, Step, Task, explain_failure
 from vrte.basics.arrays import Array
 from vrte.basics.errors import IndistinguishableWarning, LongSolveWarning, MissingExtraError, SceneError
 from vrte.fit import run as least_squares

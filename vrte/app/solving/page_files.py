@@ -19,11 +19,11 @@ import numpy as np
 
 from vrte.app.form.content import Content, list_page_wavelengths
 from vrte.app.form.files import write_content
-from vrte.app.solving.messages import Outcome
+from vrte.app.solving.worker import Outcome
 from vrte.basics.errors import SceneError
 from vrte.formats import save
 from vrte.formats.measured_polarized import check_wavelengths
-from vrte.formats.named import find_named_tables
+from vrte.formats.scene_file import find_named_tables
 from vrte.formats.toml_table import show_toml
 from vrte.results.spectrum import Spectrum
 

@@ -12,9 +12,8 @@ from vrte.app.form import content as form
 from vrte.app.form.checks import PartRead, select_part
 from vrte.app.form.content import Content
 from vrte.app.form.files import adopt_with_notes, parse_content, read_link
-from vrte.app.solving.messages import Adopted, Outcome, Planned, Progress, Reflectances, Written
 from vrte.app.solving.page_files import collect_bytes, read_bytes
-from vrte.app.solving.worker import Exchange
+from vrte.app.solving.worker import Adopted, Exchange, Outcome, Planned, Progress, Reflectances, Written
 from vrte.appearance.colours import convert_to_hex
 from vrte.basics.arrays import Array, put_in_one_line
 from vrte.basics.errors import MissingExtraError, Place, SceneError
@@ -184,7 +183,7 @@ def compute_colours(wavelength_um: Array, curves: dict[str, Array]) -> tuple[dic
     if wavelength_um.size < FEWEST or wavelength_um[0] > FROM_UM or wavelength_um[-1] < TO_UM:
         ends = f"from {FROM_UM:g} µm or less to {TO_UM:g} µm or more"
         return {}, f"A colour needs at least {FEWEST} wavelengths, {ends}: type 0.43:0.7:7."
-    from vrte.render.colour import make_film, weigh_wavelengths
+    from vrte.render.sky import make_film, weigh_wavelengths
 
     try:
         weighed = weigh_wavelengths(wavelength_um)

@@ -9,11 +9,10 @@ from typing import Any
 from vrte.app.form.checks import PartRead, find_problems, list_parts, name_part
 from vrte.app.form.content import START, Content
 from vrte.app.form.fields import translate_message
-from vrte.app.solving.messages import EMPTY, Fitted, Outcome, Refused, Task
 from vrte.app.solving.page_files import Uploads
-from vrte.app.solving.worker import Query
+from vrte.app.solving.worker import EMPTY, Fitted, Outcome, Query, Refused, Task
 from vrte.basics.errors import Place
-from vrte.formats.named import find_named_tables
+from vrte.formats.scene_file import find_named_tables
 
 MOST_TABS = 100
 MOST_SAID = 100  # sentences about parts that are made from files

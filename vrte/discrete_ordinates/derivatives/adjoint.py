@@ -38,9 +38,9 @@ from vrte.discrete_ordinates.orders.single_scattering import integrate_slab_path
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.optics.facets import FacetGeometry
 from vrte.optics.truncation import expand_peak
-from vrte.results.solution import Solution
+from vrte.results.result import Solution
 from vrte.scene.boundary import BLACK
-from vrte.scene.variation import Variation
+from vrte.scene.vary import Variation
 
 Prepared = tuple[Slabs, list[Assembled], list[Modes | None]]
 MIRROR = np.array([1.0, 1.0, 1.0, -1.0])  # diagonal of Q in the reciprocity relation

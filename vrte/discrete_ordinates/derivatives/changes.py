@@ -11,7 +11,7 @@ from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.optics.truncation import expand_peak
 from vrte.scene.beams import Passing
 from vrte.scene.scene import Scene
-from vrte.scene.variation import Variation
+from vrte.scene.vary import Variation
 
 STEP = 1e-40  # imaginary step of a thickness (complex-step derivative): no difference is taken, no digit is lost
 FAR = 1e300  # optical thickness that stands for a semi-infinite layer

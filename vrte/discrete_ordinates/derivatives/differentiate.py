@@ -27,11 +27,11 @@ from vrte.discrete_ordinates.planning.blocks import Block
 from vrte.discrete_ordinates.planning.order_bounds import list_stokes_sets
 from vrte.discrete_ordinates.planning.plan import Plan, make_plan, split_by_polarization
 from vrte.request.request import find_under
-from vrte.results.solution import Solution
+from vrte.results.result import Solution
 from vrte.scene.beams import locate_depths
 from vrte.scene.boundary import BLACK
 from vrte.scene.scene import Scene
-from vrte.scene.variation import Variation
+from vrte.scene.vary import Variation
 
 LONGER = 10.0  # all orders are kept where tails of coefficient derivatives exceed the phase matrix's by this factor
 ALLOWED = 1e-7  # largest difference of R + T, modes against doubling, for which derivatives by modes are used

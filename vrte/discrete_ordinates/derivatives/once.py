@@ -22,7 +22,7 @@ from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.single_scattering import integrate_slab_paths
 from vrte.discrete_ordinates.planning.azimuths import Azimuths
 from vrte.scene.boundary import BLACK, Boundary
-from vrte.scene.variation import Variation
+from vrte.scene.vary import Variation
 
 
 def list_changed_vertices(

@@ -21,7 +21,7 @@ from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.refracting import Refracting, Slabs
 from vrte.discrete_ordinates.orders.slab_response import Response, respond_by_doubling
 from vrte.scene.boundary import Boundary
-from vrte.scene.variation import Variation
+from vrte.scene.vary import Variation
 
 
 @dataclass(frozen=True, eq=False)

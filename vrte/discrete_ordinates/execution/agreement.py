@@ -9,7 +9,7 @@ from vrte.basics.arrays import Array
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.execution.engines.engine import Answer, Engine, Piece
 from vrte.discrete_ordinates.execution.sums import Target
-from vrte.results.solution import NO_LIGHT
+from vrte.results.result import NO_LIGHT
 
 
 @dataclass(eq=False)

@@ -17,7 +17,7 @@ from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.truncating import find_peak_flux
 from vrte.discrete_ordinates.planning.order_bounds import calibrate_bounds, count_orders_that_matter
 from vrte.discrete_ordinates.planning.plan import Plan, stack_depths
-from vrte.results.solution import Solution
+from vrte.results.result import Solution
 
 
 @dataclass(eq=False)

@@ -19,7 +19,7 @@ from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.single_scattering import add_base_reflected, find_scatterers, scatter_by_orders
 from vrte.discrete_ordinates.orders.small_angle import Anisotropic
 from vrte.discrete_ordinates.planning.azimuths import Azimuths
-from vrte.request.wanted import Wanted
+from vrte.request.request import Wanted
 from vrte.scene.beams import find_cosines
 from vrte.scene.scene import Scene
 

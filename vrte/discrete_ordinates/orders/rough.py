@@ -13,9 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vrte.basics.arrays import Array
+from vrte.basics.arrays import Array, Remembered
 from vrte.basics.quadrature import RefractedNodes
-from vrte.basics.remembering import Remembered
 from vrte.optics.facet_energy import restore_lost
 from vrte.optics.facet_integrals import gather_orders
 from vrte.optics.facets import RoughSurface

@@ -7,8 +7,7 @@ import numpy as np
 
 from vrte.basics import cost
 from vrte.discrete_ordinates.orders.truncating import count_terms_carried, has_unpolarized_peak
-from vrte.request.backends import Backend
-from vrte.request.how import EXACT
+from vrte.request.how import EXACT, Backend
 from vrte.request.request import Request, find_under
 from vrte.scene.scene import Scene
 

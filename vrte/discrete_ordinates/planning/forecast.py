@@ -4,8 +4,7 @@ from vrte.basics import cost
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.planning.operations import count_operations_of_plan
 from vrte.discrete_ordinates.planning.plan import Plan, plan_request
-from vrte.request.backends import Backend
-from vrte.request.how import EXACT
+from vrte.request.how import EXACT, Backend
 from vrte.request.request import Request
 
 

@@ -52,8 +52,7 @@ from vrte.discrete_ordinates.planning.order_bounds import (
 from vrte.discrete_ordinates.planning.plan_table import list_plan_facts, write_numbers, write_plan
 from vrte.optics.facet_integrals import FINEST as FINEST_OF_FACETS
 from vrte.request.how import EXACT
-from vrte.request.request import Request
-from vrte.request.wanted import Wanted
+from vrte.request.request import Request, Wanted
 from vrte.scene.beams import find_cosines
 from vrte.scene.scene import Scene
 

@@ -22,7 +22,7 @@ from vrte.discrete_ordinates.planning.choose_quadrature import DISCRETE, take_gi
 from vrte.discrete_ordinates.planning.plan import want_everything
 from vrte.request.how import EXACT
 from vrte.request.request import Request
-from vrte.results.solution import Solution
+from vrte.results.result import Solution
 
 NODES = 16  # of a hemisphere, where neither nodes nor an accuracy are asked for
 Taken = Literal["none", "even", "any"]  # boundaries below

@@ -24,7 +24,7 @@ from vrte.discrete_ordinates.planning.choose_quadrature import (
 )
 from vrte.methods.parts.method import Answer
 from vrte.request.request import Request
-from vrte.results.solution import NO_LIGHT, Solution
+from vrte.results.result import NO_LIGHT, Solution
 from vrte.scene.scene import Scene
 
 AZIMUTHS = 9  # compared, at most

@@ -8,8 +8,7 @@ from vrte import _core
 from vrte.basics.errors import AccuracyWarning, DeviceError, MissingExtraError, SceneError, warn_user
 from vrte.discrete_ordinates.execution.engines.cpu import Processor
 from vrte.discrete_ordinates.execution.engines.engine import Engine
-from vrte.request.backends import Backend
-from vrte.request.how import OF_SINGLE
+from vrte.request.how import OF_SINGLE, Backend
 
 # the engine of each kind of kernels, and of the linear algebra behind them: see `Backend`
 ENGINES = {"openmp": "cpu", "sequential": "cpu", "lapack": "cpu", "opencl": "opencl", "device": "opencl"}

@@ -13,10 +13,9 @@ import numpy as np
 from vrte import _core
 from vrte.basics import cost
 from vrte.basics.arrays import IntArray, replace_unchecked
-from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.errors import AccuracyError
 from vrte.basics.memory import ALWAYS_THERE, BYTES, PIECE_BYTES
-from vrte.basics.running import Run, run_jobs
+from vrte.basics.running import Run, keep_to_one_thread, run_jobs
 from vrte.discrete_ordinates.execution.engines.engine import Answer, Piece, make_empty_answer
 from vrte.discrete_ordinates.execution.sums import (
     Adder,
