@@ -1,4 +1,4 @@
-"""Methods for the same scenes, behind the same call: one a file of this folder, by whose name it is found."""
+"""Methods for the same scenes, behind the same call: a table of methods.toml each, and a file of this folder."""
 
 import itertools
 import tomllib

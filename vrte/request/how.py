@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, fields
 from enum import Enum
 from functools import lru_cache
 from pathlib import Path
-from pkgutil import iter_modules
 from textwrap import fill, indent
 from typing import Any, TypeVar
 
@@ -52,9 +51,8 @@ def find_backend(label: str) -> Backend:
 
 EXACT = "discrete-ordinates"
 AUTO = "auto"  # one of the methods, by the rules of vrte/methods/parts/auto.py
-_FILES = iter_modules([str(Path(__file__).parents[1] / "methods")])  # each is a method; what they share is in folders
-_NAMES = {file.name.replace("_", "-") for file in _FILES if not file.ispkg}
-METHODS = (EXACT, *sorted(_NAMES - {EXACT}))
+_TABLE = Path(__file__).parents[1] / "methods" / "methods.toml"  # a table a method
+METHODS = (EXACT, *sorted({*re.findall(r"^\[([a-z-]+)\]$", _TABLE.read_text("utf-8"), re.MULTILINE)} - {EXACT}))
 METHOD_NAMES = (*METHODS, AUTO)  # that can be asked for
 ALGORITHMS = ("auto", "direct", "modes", "doubling", "invariance")
 BY_RULE = ("auto", "direct")  # direct: auto's rule without what iterates to a tolerance
