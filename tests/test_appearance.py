@@ -24,7 +24,7 @@ from vrte.appearance.geometries import (
 from vrte.appearance.gloss import find_gloss
 from vrte.appearance.hiding import Conditions, find_contrast
 from vrte.appearance.panel import Panel, make_panel
-from vrte.calls.batch import run_side_by_side
+from vrte.calls.brdfs import run_side_by_side
 
 from .closed_forms import shares, walsh
 from .helpers import assert_close, close_to

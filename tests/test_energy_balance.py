@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.calls import batch
+from vrte.calls import brdfs
 from vrte.calls.energy import ENERGY, find_net_fluxes, list_notes
 from vrte.methods import choose_method, make_run, solve_request
 from vrte.request.request import make_brdf_request, make_radiance_request
@@ -99,13 +99,13 @@ def test_more_nodes_for_an_accuracy_are_promised() -> None:
 def test_scenes_that_are_solved_together_are_looked_at_too(monkeypatch: pytest.MonkeyPatch) -> None:
     scenes = [vrte.Scene([make_layer(1.0, thickness)], WHITE) for thickness in (0.5, 1.0)]
     assert [notes_of_energy(one) for one in vrte.brdfs(scenes, MU, 0.5, nodes=4)] == [[], []]
-    solve = batch.carry_out
+    solve = brdfs.carry_out
 
     def spoil(*given: Any) -> Any:
         (found,) = solve(*given)
         return [dataclasses.replace(found, flux_up=found.flux_up * np.array([1.0, 1.0 + 1e-6])[:, None, None])]
 
-    monkeypatch.setattr(batch, "carry_out", spoil)
+    monkeypatch.setattr(brdfs, "carry_out", spoil)
     first, second = vrte.brdfs(scenes, MU, 0.5, nodes=4)
     assert "solved_together" in first.diagnostics
     assert "solved_together" not in second.diagnostics  # by itself, as many times as it takes to say what is wrong

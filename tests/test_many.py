@@ -9,8 +9,8 @@ import pytest
 
 import vrte
 from vrte.basics.errors import SceneError
-from vrte.calls import batch
-from vrte.calls.batch import solve_side_by_side
+from vrte.calls import brdfs
+from vrte.calls.brdfs import solve_side_by_side
 from vrte.calls.plan import make_request
 from vrte.cli import main
 from vrte.formats import load
@@ -67,7 +67,7 @@ def test_each_is_as_by_itself_whatever_threads_and_batches(monkeypatch):
     for scene, found in zip(everything, together, strict=True):
         assert_same(found, vrte.brdf(scene, MU, MU, PHI, **HOW))
     assert all(found.diagnostics["solved_together"] > 1 for found in together[: len(scenes)])
-    monkeypatch.setattr(batch, "BATCH_BYTES", 1.0)
+    monkeypatch.setattr(brdfs, "BATCH_BYTES", 1.0)
     again = vrte.brdfs(scenes, MU, MU, PHI, nodes=8, threads=2)
     for one, other in zip(together, again, strict=False):
         assert np.array_equal(one.mueller, other.mueller)
@@ -75,7 +75,7 @@ def test_each_is_as_by_itself_whatever_threads_and_batches(monkeypatch):
 
 def test_the_last_scene_of_a_batch_may_be_alone(monkeypatch):
     """In tables that are too large to be made in the caller's thread."""
-    monkeypatch.setattr(batch, "BATCH_BYTES", 1.0)
+    monkeypatch.setattr(brdfs, "BATCH_BYTES", 1.0)
     mu, scenes = np.linspace(0.05, 1.0, 40), [vrte.Scene([layer(albedo=albedo)]) for albedo in (0.5, 0.6, 0.7)]
     together = vrte.brdfs(scenes, mu, mu, PHI, **HOW)
     assert [found.diagnostics["solved_together"] for found in together] == [2, 2, 1]
@@ -108,9 +108,9 @@ def test_films_under_other_surfaces_are_solved_by_themselves():
     rough, between = vrte.Interface(1.0, 1.5, roughness=0.3), vrte.Interface(1.5, 1.3)
     others = [vrte.Scene([vrte.Interface(1.0, 1.5), layer()], mirror), vrte.Scene([rough, layer()])]
     others += [vrte.Scene([vrte.Interface(1.0, 1.5), layer(), between, layer()])]
-    assert not batch.sort_into_batches([make_request("radiance", one, MU, mu=[], nodes=4) for one in 2 * others])
+    assert not brdfs.sort_into_batches([make_request("radiance", one, MU, mu=[], nodes=4) for one in 2 * others])
     below = {"side": "below", "nodes": 4}
-    assert not batch.sort_into_batches([make_request("radiance", one, MU, mu=[], **below) for one in make_films()])
+    assert not brdfs.sort_into_batches([make_request("radiance", one, MU, mu=[], **below) for one in make_films()])
 
 
 @pytest.mark.parametrize("truncation", ["auto", "delta-m", "none"])
@@ -137,7 +137,7 @@ def test_an_interruption_stops_them(monkeypatch):
         calls.append(places)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(batch, "solve_batch", interrupt)
+    monkeypatch.setattr(brdfs, "solve_batch", interrupt)
     with pytest.raises(KeyboardInterrupt):
         vrte.brdfs(make_scenes(), MU, MU, PHI, **HOW)
     assert len(calls) == 1

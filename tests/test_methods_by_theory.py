@@ -9,7 +9,7 @@ import scipy.special
 
 import vrte
 from vrte.basics.errors import AccuracyError, SceneError
-from vrte.basics.spherical_functions import find_gauss_legendre
+from vrte.basics.quadrature import find_gauss_legendre
 from vrte.methods.matrix_operator import propagator
 from vrte.methods.parts.slab import find_gauss_depths, solve_riccati, weigh_downward, weigh_upward
 from vrte.methods.two_fluxes import BOUNDARIES

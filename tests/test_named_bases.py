@@ -9,8 +9,7 @@ import pytest
 
 import vrte
 from vrte.scene.azimuths import make_azimuth_rule
-from vrte.scene.ross_li import compute_li_sparse, compute_ross_thick
-from vrte.scene.scalar import ScalarBase, find_angles
+from vrte.scene.scalar import ScalarBase, compute_li_sparse, compute_ross_thick, find_angles
 
 from .helpers import assert_close
 

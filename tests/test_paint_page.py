@@ -15,7 +15,7 @@ from vrte.appearance.hiding import find_contrast
 from vrte.appearance.paint import GLOSS_ANGLES
 from vrte.appearance.panel import make_panel
 from vrte.commands import common
-from vrte.pictures import paint as pages
+from vrte.pictures import appearance as pages
 
 from .helpers import close_to, run
 

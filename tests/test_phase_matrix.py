@@ -14,7 +14,7 @@ from flint import arb, ctx
 import vrte
 from bench.cases import SPHEROIDS
 from vrte import _core
-from vrte.basics.spherical_functions import compute_wigner_functions, find_gauss_legendre
+from vrte.basics.quadrature import compute_wigner_functions, find_gauss_legendre
 from vrte.formats.keys import FilePath, make_start
 from vrte.formats.layers import PHASES
 from vrte.formats.scene_file import read_scene

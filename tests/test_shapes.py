@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.basics.spherical_functions import find_gauss_legendre
+from vrte.basics.quadrature import find_gauss_legendre
 from vrte.formats.scene_file import make_scene_file
 from vrte.optics import particle_kind, shapes, transition_matrix
 from vrte.optics.particle_kind import SizeAverageWarning

@@ -23,9 +23,9 @@ import xarray
 
 import vrte
 from vrte.basics.errors import SceneError, SweepError
-from vrte.calls import batch
+from vrte.calls import brdfs
 from vrte.request.request import make_brdf_request
-from vrte.sweep import chunks, dask_engine, store
+from vrte.sweep import chunks, engines, store
 from vrte.sweep.interpolation import held_out
 from vrte.sweep.run import SweepWarning
 from vrte.sweep.store import describe_sweep_results
@@ -442,7 +442,7 @@ def test_same_numbers_from_each_engine(nodes: dict[str, int], cluster: Any) -> N
 def test_clusters_that_are_not_there(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     from distributed import LocalCluster
 
-    monkeypatch.setattr(dask_engine, "PATIENCE", 0.5)
+    monkeypatch.setattr(engines, "WORKERS_PATIENCE", 0.5)
     given, how = powder(nodes=4), {"dashboard_address": ":0", "silence_logs": logging.CRITICAL}
     with pytest.raises(SweepError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
         vrte.sweep(given, tmp_path / "t.zarr", engine="dask", scheduler="tcp://127.0.0.1:9")
@@ -453,7 +453,7 @@ def test_clusters_that_are_not_there(monkeypatch: pytest.MonkeyPatch, tmp_path: 
     ):
         vrte.sweep(given, engine="dask", scheduler=empty.scheduler_address)
     with pytest.raises(SweepError, match="the output must lie where all workers can read and write it"):
-        dask_engine.perform_there(str(tmp_path / "elsewhere"), "stamp", 0)
+        engines.perform_there(str(tmp_path / "elsewhere"), "stamp", 0)
 
 
 def listening() -> set[Any]:
@@ -472,7 +472,7 @@ def test_the_cluster_of_a_sweep_is_for_nobody_else(tmp_path: Path) -> None:
     from distributed import Client, Security
 
     before = listening()  # that of other tests
-    with dask_engine.start_own_cluster(types.SimpleNamespace(folder=tmp_path), 1) as client:  # type: ignore[arg-type]
+    with engines.start_own_cluster(types.SimpleNamespace(folder=tmp_path), 1) as client:  # type: ignore[arg-type]
         assert client.submit(abs, -7).result() == 7
         address = client.scheduler.address
         sockets = listening() - before
@@ -490,14 +490,14 @@ def test_the_cluster_of_a_sweep_is_for_nobody_else(tmp_path: Path) -> None:
 @pytest.fixture
 def batches(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """How many scenes were solved together, batch by batch."""
-    counts, solve = list[int](), batch.solve_batch
+    counts, solve = list[int](), brdfs.solve_batch
 
     def noted(*given: Any) -> Any:
         found = solve(*given)
         counts.append(len(found))
         return found
 
-    monkeypatch.setattr(batch, "solve_batch", noted)
+    monkeypatch.setattr(brdfs, "solve_batch", noted)
     return counts
 
 
@@ -540,7 +540,7 @@ def test_one_that_fails_spoils_no_other(engine: str, monkeypatch: pytest.MonkeyP
         return solve(*given)
 
     for module, name, pick in (
-        (batch, "solve_batch", lambda requests, places, run: [requests[index] for index in places]),
+        (brdfs, "solve_batch", lambda requests, places, run: [requests[index] for index in places]),
         (chunks, "solve_request", lambda request, run: [request]),
         (chunks, "solve_together", lambda requests, *rest: requests),
     ):
@@ -556,7 +556,7 @@ def test_one_that_fails_spoils_no_other(engine: str, monkeypatch: pytest.MonkeyP
 def test_the_flag_stops_a_batch() -> None:
     first, other = (vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo, 1.0)]) for albedo in (0.5, 0.9))
     request = make_brdf_request(first, MU[:2], MU, PHI, nodes=6, algorithm="direct")
-    both = [request, batch.make_alike_request(request, other)]
+    both = [request, brdfs.make_alike_request(request, other)]
     assert len(chunks.solve_alike_questions(both, np.zeros(1, np.int32))) == 2
     with pytest.raises(KeyboardInterrupt):
         chunks.make_processor_solver(lambda: 1, np.ones(1, np.int32))(both)

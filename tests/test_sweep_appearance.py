@@ -17,7 +17,7 @@ from vrte.appearance.gloss import find_gloss
 from vrte.appearance.hiding import Conditions, find_hiding
 from vrte.appearance.panel import make_panel
 from vrte.basics.errors import SceneError
-from vrte.calls.batch import Share, run_side_by_side, share_cores
+from vrte.calls.brdfs import Share, run_side_by_side, share_cores
 from vrte.formats import particle_sources
 from vrte.sweep import store
 from vrte.sweep.interpolation import held_out

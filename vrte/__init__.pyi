@@ -71,13 +71,13 @@ from vrte.scene.boundary import Lambertian as Lambertian
 from vrte.scene.boundary import MuellerBase as MuellerBase
 from vrte.scene.facets import Facets as Facets
 from vrte.scene.facets import cox_munk as cox_munk
-from vrte.scene.hapke import Hapke as Hapke
 from vrte.scene.illumination import hemisphere as hemisphere
 from vrte.scene.interface import Interface as Interface
 from vrte.scene.layer import Layer as Layer
 from vrte.scene.mirror import Mirror as Mirror
-from vrte.scene.ross_li import RossLi as RossLi
-from vrte.scene.rpv import RPV as RPV
+from vrte.scene.scalar import RPV as RPV
+from vrte.scene.scalar import Hapke as Hapke
+from vrte.scene.scalar import RossLi as RossLi
 from vrte.scene.scene import Scene as Scene
 from vrte.scene.tabulated_base import CoarseTableWarning as CoarseTableWarning
 from vrte.scene.tabulated_base import TabulatedBase as TabulatedBase

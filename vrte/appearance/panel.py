@@ -12,7 +12,7 @@ import numpy as np
 from vrte.basics.arrays import Array, check_number, check_whole
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, count_usable_cpus
-from vrte.calls.batch import is_shared, run_side_by_side, solve_side_by_side
+from vrte.calls.brdfs import is_shared, run_side_by_side, solve_side_by_side
 from vrte.calls.mitsuba import take_off
 from vrte.calls.plan import make_request, warn_runtime_of_all
 from vrte.calls.spectrum import Source, name_wavelength

@@ -20,7 +20,7 @@ from vrte.basics.arrays import Array, check_number, check_numbers, freeze_copy
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, share_progress
 from vrte.basics.views import Figure, view
-from vrte.calls.batch import run_side_by_side
+from vrte.calls.brdfs import run_side_by_side
 from vrte.calls.radiance import radiance
 from vrte.calls.spectrum import name_wavelength
 from vrte.results.field import Field

@@ -1,14 +1,141 @@
-"""Double-Gauss quadrature, (1:15): Gauss-Legendre nodes on each hemisphere, and nodes of media that light passes."""
+"""Double-Gauss quadrature, (1:15): Gauss-Legendre nodes on each hemisphere, and nodes of media that light passes; and
+Wigner's functions d^l_mn of the scattering angle, whose products such nodes integrate.
+
+Both recurrences run on the difference of neighbouring degrees and on 1 - |cosine|, which keeps the digits near
+forward and backward scattering, where the textbook form loses l^2 of them.
+"""
 
 import itertools
 import math
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
-from vrte.basics.arrays import Array
-from vrte.basics.spherical_functions import find_gauss_legendre
+from vrte.basics.arrays import Array, make_readonly
+
+DEGREES_AT_ONCE = 256  # bounds the memory, whatever the number of terms
+KEPT = 40_000  # doubles of functions that are kept for the next time, 16 times at most
+
+
+def compute_wigner_functions(
+    pairs: Sequence[tuple[int, int]], terms: int, cosine: Array, difference: Array | None = None
+) -> Iterator[tuple[int, Array]]:
+    """Yields first l and d^l_mn (l, pair, n) at ascending ``cosine`` (n,), l < ``terms``, by blocks of degrees.
+    ``difference`` is 1 - |cosine|, where more digits are known (`find_gap`). Pairs: (0, n), or (m, m) and (m, -m).
+    Source: Hovenier and van der Mee, Astron. Astrophys. 128, 1 (1983)."""
+    if terms > DEGREES_AT_ONCE or len(pairs) * terms * cosine.size > KEPT:
+        yield from _compute_blocks(pairs, terms, cosine, 1.0 - np.abs(cosine) if difference is None else difference)
+        return
+    gap = None if difference is None else difference.tobytes()
+    yield 0, _find_kept(tuple(pairs), terms, cosine.tobytes(), gap)
+
+
+@lru_cache(maxsize=16)
+def _find_kept(pairs: tuple[tuple[int, int], ...], terms: int, cosine: bytes, gap: bytes | None) -> Array:
+    """The one block of few terms and angles, which are often asked for again: at other wavelengths, say."""
+    at = np.frombuffer(cosine)
+    ((_, block),) = _compute_blocks(pairs, terms, at, 1.0 - np.abs(at) if gap is None else np.frombuffer(gap))
+    return make_readonly(block)
+
+
+def _compute_blocks(
+    pairs: Sequence[tuple[int, int]], terms: int, cosine: Array, difference: Array
+) -> Iterator[tuple[int, Array]]:
+    """All blocks of degrees, worked out."""
+    behind = int(np.searchsorted(cosine, 0.0))
+    gain, shift, memory = _find_recurrence(pairs, terms)
+    step, change = np.zeros((2, len(pairs), cosine.size))
+    now = np.zeros_like(step)
+    for first in range(0, terms, DEGREES_AT_ONCE):
+        degrees = np.arange(first, min(first + DEGREES_AT_ONCE, terms))
+        block = np.empty((degrees.size, len(pairs), cosine.size))
+        for row, degree in enumerate(degrees):
+            np.multiply(gain[degree], difference, out=change)
+            np.subtract(shift[degree], change, out=change)
+            change *= now
+            step *= memory[degree]
+            step += change
+            now = np.add(now, step, out=block[row])
+            for index, (m, n) in enumerate(pairs if degree <= 2 else ()):
+                if degree == max(m, abs(n)):
+                    minus, plus = abs(m - n), abs(m + n)
+                    count = math.factorial(minus + plus) / (math.factorial(minus) * math.factorial(plus))
+                    now[index] = (
+                        math.sqrt(count) * (0.5 * difference) ** (minus / 2) * (1.0 - 0.5 * difference) ** (plus / 2)
+                    )
+        now = now.copy()
+        _turn_back(block[:, :, :behind], pairs, degrees)
+        yield first, block
+
+
+def find_gap(angle: Array) -> Array:
+    """1 - |cos(angle)| of angles from 0 to pi, to the last digits."""
+    return 2.0 * np.sin(0.5 * np.minimum(angle, np.pi - angle)) ** 2
+
+
+def _find_recurrence(pairs: Sequence[tuple[int, int]], terms: int) -> tuple[Array, Array, Array]:
+    """gain, shift and memory of the step to degree l, zero up to the lowest degree, (terms, pair, 1) each: d^l -
+    d^(l-1) = memory (d^(l-1) - d^(l-2)) + (shift - gain gap) d^(l-1), without differences of nearly equal numbers."""
+    m, n = np.array(pairs, dtype=np.float64).T[:, None, :, None]
+    new = np.arange(float(terms))[:, None, None]
+    old = np.maximum(new - 1.0, 0.0)
+    under_way = new > np.maximum(m, np.abs(n))
+
+    def root(degree: Array, order: Array) -> Array:
+        return np.sqrt(np.where(under_way, degree**2 - order**2, 1.0))
+
+    divisor = np.where(old > 0.0, old, 1.0)  # at old = 0 what it divides vanishes
+    steepness = root(new, m) * root(new, n)
+    gain = (old + new) * new / steepness
+    memory = new * root(old, m) * root(old, n) / (divisor * steepness)
+    zonal = n**2 * (1.0 / (new + root(new, n)) + 1.0 / (old + root(old, n) + (old == 0.0))) / root(new, n)
+    opposite = 2.0 * (old + new) * m**2 / (divisor * steepness)
+    shift = np.where(m == 0.0, zonal, np.where(n == m, 0.0, opposite))
+    return gain * under_way, shift * under_way, memory * under_way
+
+
+def _turn_back(block: Array, pairs: Sequence[tuple[int, int]], degrees: NDArray[np.int64]) -> None:
+    """Makes d^l_mn(x) into d^l_mn(-x) = (-1)^(l+m) d^l_m,-n(x), in place."""
+    partners = [index if m == 0 else list(pairs).index((m, -n)) for index, (m, n) in enumerate(pairs)]
+    sign = (-1.0) ** (degrees[:, None, None] + np.array([m for m, _ in pairs])[:, None])
+    np.multiply(sign, block[:, partners], out=block)
+
+
+@lru_cache(maxsize=32)
+def find_gauss_legendre(count: int) -> tuple[Array, Array]:
+    """Nodes in (-1, 1), ascending, and weights, both (count,), each to a few units of its last digit: Newton's method
+    in the angle; general-purpose routines lose up to 1e-9 of the outermost weights, where a forward peak sits. Source:
+    Abramowitz and Stegun (1964), 22.7.10, 22.16.6 and 25.4.29."""
+    half = (count + 1) // 2
+    guess = (4.0 * np.arange(1, half + 1) - 1.0) / (4.0 * count + 2.0) * math.pi
+    angle = guess + (count - 1.0) / (8.0 * count**3) / np.tan(guess)
+    if count % 2:
+        angle[-1] = 0.5 * math.pi
+    for _ in range(3):
+        last, before = _evaluate_legendre(count, angle)
+        slope = count * (np.cos(angle) * last - before) / np.sin(angle)  # dP/d(angle)
+        angle = angle - last / slope
+    last, before = _evaluate_legendre(count, angle)
+    slope = count * (np.cos(angle) * last - before)
+    nodes, weights = np.cos(angle), 2.0 * (np.sin(angle) / slope) ** 2
+    if count % 2:
+        nodes[-1] = 0.0
+    inner = half - count % 2
+    both = np.concatenate([0.0 - nodes, nodes[:inner][::-1]]), np.concatenate([weights, weights[:inner][::-1]])
+    return make_readonly(both[0]), make_readonly(both[1])
+
+
+def _evaluate_legendre(degree: int, angle: Array) -> tuple[Array, Array]:
+    """P_l and P_(l-1) of cos(angle), angle up to 90 degrees."""
+    difference = 2.0 * np.sin(0.5 * angle) ** 2
+    now, step, before = np.ones_like(difference), np.zeros_like(difference), np.zeros_like(difference)
+    for known in range(degree):
+        step = (known * step - (2 * known + 1) * difference * now) / (known + 1)
+        before, now = now, now + step
+    return now, before
 
 
 def make_double_gauss(nodes: int, grading: int = 1) -> tuple[Array, Array]:

@@ -1,27 +1,334 @@
-"""Many scenes in one call: the wavelengths of a spectrum, the entries of a table."""
+"""Many scenes in one call, the wavelengths of a spectrum or the entries of a table: scenes that are alike are solved
+together, as many at a time as fit into the caches, and small solves side by side, one a core."""
 
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Annotated, Any
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Annotated, Any, TypeVar
 
-from vrte.basics.arrays import check_list
+import numpy as np
+
+from vrte.basics.arrays import Array, IntArray, check_list, make_readonly, replace_unchecked
 from vrte.basics.errors import SceneError
-from vrte.basics.running import Progress, Run, run_interruptible, share_progress
-from vrte.calls.batch import make_alike_request, solve_alike_ones
+from vrte.basics.running import (
+    Progress,
+    Run,
+    count_usable_cpus,
+    keep_to_one_thread,
+    run_interruptible,
+    run_jobs,
+    share_progress,
+)
 from vrte.calls.brdf import make_brdf
 from vrte.calls.derivatives import Derivatives, check_differentiable, find_light, read_derivatives
+from vrte.calls.energy import ROUNDING
 from vrte.calls.plan import warn_runtime_of_all
+from vrte.calls.radiance import make_field
+from vrte.discrete_ordinates.execution.carry_out import carry_out
 from vrte.discrete_ordinates.execution.engines import choose_engine
-from vrte.discrete_ordinates.planning.plan import plan_request
-from vrte.methods import choose_method, make_run
-from vrte.methods.discrete_ordinates import solve_plans
+from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR
+from vrte.discrete_ordinates.orders.modes import Modes
+from vrte.discrete_ordinates.orders.truncating import count_terms_carried
+from vrte.discrete_ordinates.planning.batch_plan import (
+    BatchKey,
+    count_orders_at_most,
+    estimate_bytes,
+    find_batch_key,
+    is_shared_request,
+)
+from vrte.discrete_ordinates.planning.blocks import Block
+from vrte.discrete_ordinates.planning.plan import plan_request, plan_scenes
+from vrte.methods import choose_method, make_run, solve_request
+from vrte.methods.discrete_ordinates import solve_plans, warn_of_negative
 from vrte.methods.parts.method import Answer
 from vrte.methods.parts.refinement import refine, share_steps
 from vrte.request.how import EXACT, complete_docstring
 from vrte.request.request import Request, check_scene, make_brdf_request
-from vrte.results.brdf import Brdf
+from vrte.results.brdf import Brdf, make_readonly_brdf
+from vrte.results.field import Field
+from vrte.results.result import Solution
+from vrte.scene.beams import find_direct_light, locate_depths
 from vrte.scene.scene import Scene
 from vrte.scene.vary import Variation
+
+BATCH_BYTES = 16e6  # of what is worked with for the scenes that are solved in one go, by each thread
+FEWEST = 2  # scenes that are worth it
+
+
+def make_alike_request(request: Request, scene: Scene) -> Request | None:
+    """The same asked of another scene; None where that has to be checked anew."""
+    if not is_shared_request(request) or find_batch_key(scene, request) is None:
+        return None
+    levels = make_readonly(np.array([0.0, scene.thickness][: request.tau.size]))
+    return replace_unchecked(request, scene=scene, tau=levels)
+
+
+def solve_alike_ones(requests: Sequence[Request], warned: bool, progress: Progress | None) -> dict[int, Brdf]:
+    """The BRDFs of those that can be solved with others, by their places among requests that differ in their scenes
+    alone."""
+    batches = sort_into_batches(requests)
+    if not batches:
+        return {}
+    run = make_run(requests[0], sum(map(len, batches)))
+    run.runtime_warned = warned
+    return run_interruptible(run, lambda: solve_batches(requests, batches, run, progress))
+
+
+def solve_batches(
+    requests: Sequence[Request],
+    batches: Sequence[list[int]],
+    run: Run,
+    progress: Progress | None = None,
+) -> dict[int, Brdf]:
+    """Those of all batches, by their places, in this thread and the others of a run."""
+    found: dict[int, Brdf] = {}
+
+    def report(done: int) -> None:
+        if progress is not None:
+            progress(100 * len(found), 100 * len(requests))
+
+    def solve_one(batch: list[int], own: Run) -> None:
+        found.update(solve_batch(requests, batch, own))
+
+    try:
+        with keep_to_one_thread():
+            run_jobs(run, [partial(solve_one, batch) for batch in batches], report)
+    finally:
+        run.release_threads()
+    return found
+
+
+def sort_into_batches(requests: Sequence[Request]) -> list[list[int]]:
+    """Places of scenes of one key, so many that they fit into the caches; those with most orders first."""
+    if len(requests) < FEWEST or not is_shared_request(first := requests[0]):
+        return []
+    assert first.nodes is not None
+    alike: dict[BatchKey, list[int]] = {}
+    for index, request in enumerate(requests):
+        if (key := find_batch_key(request.scene, first)) is not None:
+            alike.setdefault(key, []).append(index)
+    batches = []
+    for key, indices in alike.items():
+        terms = max(layer.phase_matrix.terms for index in indices for layer in requests[index].scene.layers)
+        orders = count_orders_at_most(first, min(terms, 2 * first.nodes))
+        step = max(FEWEST, int(BATCH_BYTES / estimate_bytes(first, key, orders)))
+        if len(indices) >= FEWEST:
+            batches += [indices[k : k + step] for k in range(0, len(indices), step)]
+    return batches
+
+
+def solve_batch(requests: Sequence[Request], indices: list[int], run: Run) -> dict[int, Any]:
+    """Those of one batch that its plan stands for, and that came out right; others are solved by themselves, which says
+    why."""
+    begin, own = time.perf_counter(), replace_unchecked(run, stages={})
+    asked, scenes = requests[indices[0]], [requests[index].scene for index in indices]
+    plan, fits = plan_scenes(asked, scenes, own)
+    if not plan.blocks:
+        return {}
+    (found,) = carry_out([plan], PROCESSOR, own)
+    for name, clock in own.stages.items():
+        run.record(name, clock["wall_seconds"], clock["thread_seconds"])
+    count, levels, parts = len(scenes), asked.tau.size, [make_readonly(values) for values in found.parts]
+    reflectance = make_readonly(found.flux_up[::levels, :, 0] / (asked.mu0 * asked.columns[0, 0]))
+    white = np.array([scene.below.even_albedo == 1.0 for scene in scenes])
+    white &= (plan.problem.albedo.reshape(count, -1) == 1.0).all(axis=1)
+    total = reflectance + find_mirrored(asked)
+    lost = np.where(white[:, None], np.abs(1.0 - total), total - 1.0).max(axis=1)
+    solved = fits & (lost <= max(asked.accuracy, ROUNDING))  # not where it is no number
+    residuals = {name: np.atleast_1d(found.diagnostics[name]) for name in sorted(Modes.allowed)}
+    for name, values in residuals.items():
+        solved &= values <= Modes.allowed[name]
+    for values in (*parts, reflectance):
+        solved &= np.isfinite(values.reshape(count, -1).sum(axis=1))
+    # each scene's fraction of the seconds of all
+    spent = {name: {clock: all_of / count for clock, all_of in each.items()} for name, each in own.stages.items()}
+    wall = (time.perf_counter() - begin) / count
+    shared = {"solved_together": count, "stages": spent, "wall_seconds": wall}
+    right = np.flatnonzero(solved).tolist()
+    if asked.kind != "brdf":
+        results = {}
+        for k in right:
+            told = {name: float(values[k]) for name, values in residuals.items()}
+            up, down = found.flux_up[k : k + 1], found.flux_down[k : k + 1]
+            light = Solution([part[k : k + 1] for part in parts], up, down, found.diagnostics | told | shared)
+            results[indices[k]] = make_field(requests[indices[k]], plan.mu, light)
+        return results
+    carried = count_terms_carried(scenes[0], plan.problem.nodes.size)
+    for k in right:
+        if max(layer.phase_matrix.terms for layer in scenes[k].layers) > carried:
+            warn_of_negative(asked, parts[0][k][..., 0, 0], {"terms_cut": True, "nodes": plan.problem.nodes.size})
+    through = make_readonly(np.exp(-np.array([[scene.thickness] for scene in scenes]) / asked.mu0))
+    mu_o = make_readonly(plan.mu[plan.mu > 0.0])
+    return {
+        indices[k]: make_readonly_brdf(
+            partial(describe_solve, requests[indices[k]], plan.blocks, residuals, k, shared),
+            mueller=parts[0][k],
+            reflectance=reflectance[k],
+            mu_i=asked.mu0,
+            mu_o=mu_o,
+            phi=asked.phi,
+            transmission=parts[1][k] if levels > 1 else None,
+            direct_transmittance=through[k],
+        )
+        for k in right
+    }
+
+
+def find_mirrored(request: Request) -> Array:
+    """The share (n_in,) of unpolarized beams that a surface on top mirrors."""
+    scene, top = request.scene, np.zeros(1)
+    if not scene.has_interfaces:
+        return np.zeros(request.mu0.size)
+    return find_direct_light(scene, request.mu0, locate_depths(scene, top, top > 0.0))[0, :, 0, 0, 0]
+
+
+def describe_solve(
+    request: Request, blocks: Sequence[Block], residuals: Mapping[str, Array], index: int, shared: dict[str, Any]
+) -> dict[str, Any]:
+    """The diagnostics of one scene of a batch; its own plan is made for that."""
+    own = [(block, block.orders[block.wanted[:, index]]) for block in blocks if block.wanted is not None]
+    return {
+        **plan_request(request, Run(1)).diagnostics(),
+        "threads": 1,
+        "openmp": True,
+        "orders": len({order for _, orders in own for order in orders.tolist()}),
+        "unknowns": sum(block.problem.size * orders.size for block, orders in own),
+        "orders_by": {"modes": sum(orders.size for _, orders in own)},
+        "orders_repeated": None,
+        **{name: float(values[index]) for name, values in residuals.items()},
+        **shared,
+        "illuminate": request.illuminate,
+        "index_outside": request.scene.index_above,
+    }
+
+
+Made = TypeVar("Made")
+
+
+@dataclass(frozen=True, eq=False)
+class Share:
+    """How many cores whoever calls may use, and the flag (1,) that stops all that goes on there."""
+
+    cores: int
+    stop: IntArray = field(default_factory=lambda: np.zeros(1, np.int32))
+
+
+_share: ContextVar[Share | None] = ContextVar("cores", default=None)
+
+
+@contextmanager
+def share_cores(share: Share) -> Iterator[None]:
+    """Within it, what runs side by side has so many cores: for one of several threads that are at work, whose time was
+    predicted.
+
+    >>> with share_cores(Share(1)):
+    ...     run_side_by_side([lambda: 1, lambda: 2])
+    [1, 2]
+    """
+    before = _share.set(share)
+    try:
+        yield
+    finally:
+        _share.reset(before)
+
+
+def is_shared() -> bool:
+    """Whether others are at work beside this thread."""
+    return _share.get() is not None
+
+
+def run_side_by_side(
+    calls: Sequence[Callable[[], Made]], progress: Progress | None = None, workers: int | None = None, stop: Any = None
+) -> list[Made]:
+    """What the calls return, in their order; the first error in that order is raised, and what has not begun by then
+    never does. ``progress`` gets how many are done; ``workers``: by default one a usable CPU; ``stop``, a flag (1,)
+    that the calls look at, is set where this thread is interrupted.
+
+    >>> run_side_by_side([lambda: 1, lambda: 2])
+    [1, 2]
+    """
+    share = _share.get()
+
+    def perform(call: Callable[[], Made]) -> Made:
+        if share and share.stop[0]:
+            raise KeyboardInterrupt
+        return call()
+
+    def collect(results: Iterable[Made]) -> list[Made]:
+        found = []
+        for result in results:
+            found.append(result)
+            if progress is not None:
+                progress(len(found), len(calls))
+        return found
+
+    count = min(workers or (share.cores if share else count_usable_cpus()), len(calls))
+    if count < 2:
+        return collect(map(perform, calls))
+    with keep_to_one_thread(), ThreadPoolExecutor(count, "vrte-side-by-side") as pool:
+        futures = [pool.submit(perform, call) for call in calls]
+        try:
+            return collect(future.result() for future in futures)
+        except BaseException:
+            if stop is not None:
+                stop[0] = 1
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def solve_side_by_side(requests: Sequence[Request], progress: Progress | None = None) -> list[Any]:
+    """A Brdf or a Field, by their kind, of requests of one thread each that differ in their scenes alone, their methods
+    named: scenes that are alike together; how long they take was said."""
+    share = _share.get()
+    stop = share.stop if share else np.zeros(1, np.int32)
+    cores = share.cores if share else count_usable_cpus()
+    found: dict[int, Any] = {}
+
+    def start() -> Run:
+        run = make_run(requests[0])
+        run.stop, run.runtime_warned = stop, True
+        return run
+
+    def solve(indices: list[int]) -> dict[int, Any]:
+        if len(indices) > 1:
+            with keep_to_one_thread():
+                return solve_batch(requests, indices, start())
+        return {index: solve_one(requests[index], start()) for index in indices}
+
+    def report(done: int, total: int) -> None:
+        if progress is not None:
+            progress(len(found), len(requests))
+
+    def perform(jobs: list[list[int]]) -> None:
+        calls = [partial(lambda job: found.update(solve(job)), job) for job in jobs]
+        run_side_by_side(calls, report, stop=None if share else stop)  # a flag of several stops none of the others
+
+    batches = [part for batch in sort_into_batches(requests) for part in split_among(batch, cores)]
+    perform(batches)
+    perform([[index] for index in range(len(requests)) if index not in found])
+    return [found[index] for index in range(len(requests))]
+
+
+def solve_one(request: Request, run: Run) -> Brdf | Field:
+    """What a request of either kind asks."""
+    mu, solution = solve_request(request, run)
+    return make_brdf(request, solution) if request.kind == "brdf" else make_field(request, mu, solution)
+
+
+def split_among(batch: list[int], cores: int) -> list[list[int]]:
+    """A batch in as many parts as there are cores, each of two or more.
+
+    >>> split_among([0, 1, 2, 3, 4], 2), split_among([0, 1, 2], 8)
+    ([[0, 1, 2], [3, 4]], [[0, 1], [2]])
+    """
+    step = max(2, -(-len(batch) // cores))
+    return [batch[first : first + step] for first in range(0, len(batch), step)]
+
 
 MOST_SCENES = 1_000_000
 

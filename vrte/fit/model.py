@@ -25,7 +25,7 @@ from vrte.basics.arrays import Array
 from vrte.basics.differences import STEP, sample_around
 from vrte.basics.errors import SceneError
 from vrte.basics.running import run_interruptible
-from vrte.calls.batch import run_side_by_side
+from vrte.calls.brdfs import run_side_by_side
 from vrte.calls.derivatives import read_derivatives, solve_with_derivatives
 from vrte.calls.spectrum import name_wavelength
 from vrte.fit.light import Seen, Sight, Solved, make_scene_jet, read_sight

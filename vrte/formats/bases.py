@@ -38,11 +38,9 @@ from vrte.results.brdf import Brdf
 from vrte.results.spectrum import Spectrum
 from vrte.scene.boundary import Boundary, Lambertian
 from vrte.scene.facets import MEASURED, MOST_WIND, Facets, cox_munk
-from vrte.scene.hapke import Hapke
 from vrte.scene.interface import LEAST_ROUGHNESS, MOST_ROUGHNESS, ROUGHNESS_ALLOWED
 from vrte.scene.mirror import Mirror
-from vrte.scene.ross_li import RossLi
-from vrte.scene.rpv import RPV
+from vrte.scene.scalar import RPV, Hapke, RossLi
 from vrte.scene.tabulated_base import TabulatedBase
 
 TENSORS = (".bsdf", ".pbsdf")

@@ -17,7 +17,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array, check_number, check_vector, freeze_copy, make_readonly, show_value
 from vrte.basics.errors import AccuracyWarning, SceneError, warn_user
-from vrte.basics.spherical_functions import compute_wigner_functions, find_gap, find_gauss_legendre
+from vrte.basics.quadrature import compute_wigner_functions, find_gap, find_gauss_legendre
 from vrte.optics.conventions import ELEMENTS, Convention, find_convention
 from vrte.optics.phase_matrix import (
     NEGATIVE_ALLOWED,

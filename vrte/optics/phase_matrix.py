@@ -28,7 +28,7 @@ from vrte.basics.arrays import (
     show_value,
 )
 from vrte.basics.errors import SceneError, warn_user
-from vrte.basics.spherical_functions import compute_wigner_functions
+from vrte.basics.quadrature import compute_wigner_functions
 from vrte.basics.views import view
 
 if TYPE_CHECKING:

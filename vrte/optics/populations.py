@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from vrte.basics import cost
 from vrte.basics.arrays import Array
-from vrte.basics.spherical_functions import compute_wigner_functions, find_gauss_legendre
+from vrte.basics.quadrature import compute_wigner_functions, find_gauss_legendre
 from vrte.optics.phase_matrix import PhaseMatrix, arrange_coefficients, project_elements
 
 Complex = NDArray[np.complex128]

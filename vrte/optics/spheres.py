@@ -15,7 +15,7 @@ import numpy as np
 from vrte._core import coated_sphere_coefficients, coated_sphere_slopes, sphere_coefficients, sphere_slopes
 from vrte.basics.arrays import Array, check_number
 from vrte.basics.errors import SceneError
-from vrte.basics.spherical_functions import find_gauss_legendre
+from vrte.basics.quadrature import find_gauss_legendre
 from vrte.optics.particle_kind import (
     ParticleKind,
     check_kind,

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from vrte.basics import cost
 from vrte.basics.arrays import Array
 from vrte.basics.errors import import_extra
+from vrte.basics.quadrature import find_gauss_legendre
 from vrte.basics.running import count_usable_cpus, keep_to_one_thread
-from vrte.basics.spherical_functions import find_gauss_legendre
 from vrte.optics.phase_matrix import project_elements
 
 Complex = NDArray[np.complex128]

@@ -23,8 +23,7 @@ from vrte.basics.errors import (
     warn_user,
 )
 from vrte.basics.running import Run, keep_to_one_thread, run_interruptible
-from vrte.calls.batch import Share, make_alike_request, share_cores, solve_batches, sort_into_batches
-from vrte.calls.brdfs import solve_together
+from vrte.calls.brdfs import Share, make_alike_request, share_cores, solve_batches, solve_together, sort_into_batches
 from vrte.calls.energy import ENERGY
 from vrte.formats.scene_file import make_scene_file
 from vrte.methods import make_run, solve_request

@@ -258,7 +258,7 @@ def run_engine(work: Work, done: set[int], engine: str, scheduler: str | None, w
     particles = (Shared(*which) for which in list_particle_places(work.sweep))
     chunks = (chunk for chunk in range(work.grid.chunks) if chunk not in done)
     if engine == "dask":
-        from vrte.sweep.dask_engine import perform_on_cluster
+        from vrte.sweep.engines import perform_on_cluster
 
         yield from perform_on_cluster(work, (particles, chunks), scheduler, workers)
         return

@@ -181,7 +181,7 @@ def make_colours_download(live: Any, content: Content) -> tuple[str, bytes]:
     """Name and bytes of what the tab Appearance shows of the form's scene, asked by the query ``live``. Raises
     SceneError where it shows nothing, or not yet all."""
     from vrte.app.solving.appearance import Appeared
-    from vrte.pictures.paint import write_table
+    from vrte.pictures.appearance import write_table
 
     if not isinstance(live.answer, Appeared) or live.waits or live.answered is None or live.answered.content != content:
         raise SceneError("there are no colours of this scene yet: open the tab Appearance, and wait for its answer")

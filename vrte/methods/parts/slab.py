@@ -19,9 +19,8 @@ from vrte.basics.arrays import Array, IntArray
 from vrte.basics.differences import divide_exp_once
 from vrte.basics.errors import AccuracyError
 from vrte.basics.polarization import FLIP
-from vrte.basics.quadrature import Panel, RefractedNodes
+from vrte.basics.quadrature import Panel, RefractedNodes, find_gauss_legendre
 from vrte.basics.running import Run, keep_to_one_thread
-from vrte.basics.spherical_functions import find_gauss_legendre
 from vrte.discrete_ordinates.orders.base import DEFAULT_ACCURACY
 from vrte.discrete_ordinates.orders.media import Media
 from vrte.discrete_ordinates.orders.phase_assembly import find_even_shifts
