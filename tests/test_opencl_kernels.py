@@ -17,8 +17,6 @@ from vrte.cl import assembly, invariance
 from vrte.cl.doubling import double_slabs as double_on_device
 from vrte.cl.matrices import Stack, download_stack, invert, make_stack, multiply_stacks, upload_stack
 from vrte.cl.session import Session, Traffic
-from vrte.discrete_ordinates.execution.engines import device_sums
-from vrte.discrete_ordinates.execution.engines import opencl as engine
 from vrte.discrete_ordinates.orders.doubling import Slabs, double_slabs
 from vrte.discrete_ordinates.orders.phase_assembly import assemble
 from vrte.discrete_ordinates.orders.slabs import SlabStack, cut_layers
@@ -217,7 +215,7 @@ RAYLEIGH = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 5.0)])
     ("scene", "algorithm", "mu", "nodes", "most"),  # most: launches and reads
     [
         (GOLD, "invariance", MU[[0, -1]], 8, (100, 25)),
-        (RAYLEIGH, "doubling", MU[[0, -1]], 4, (90, 16)),
+        (RAYLEIGH, "doubling", MU[[0, -1]], 4, (80, 18)),
         pytest.param(GOLD, "invariance", MU, 40, (100, 25), marks=pytest.mark.slow),
         pytest.param(THIN_GOLD, "doubling", MU, 40, (90, 25), marks=pytest.mark.slow),
     ],
@@ -225,44 +223,9 @@ RAYLEIGH = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 5.0)])
 def test_few_launches_and_reads(
     opencl: Any, scene: vrte.Scene, algorithm: str, mu: np.ndarray, nodes: int, most: tuple[int, int]
 ) -> None:
-    """Doubling reads how many doublings are left, and what it ends with, of each block of orders."""
+    """Doubling reads how many doublings are left, and what it ends with, of each block of orders; each sum is read."""
     how: dict[str, Any] = {"nodes": nodes, "algorithm": algorithm, "backend": "opencl"}
     found = Traffic(**vrte.brdf(scene, mu, mu, np.arange(0, 361, 10), **how).diagnostics["traffic"])
     assert 0 < found.launches <= most[0]
     assert 0 < found.reads <= most[1]
     assert found.bytes_down >= 8 * mu.size**2 * 37 * 16
-
-
-def test_sums_of_many_scenes_take_as_many_launches_as_those_of_one(
-    either_width: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Of the same Fourier orders; each result is that of its scene alone to the last bit, in chunks as well."""
-    monkeypatch.setattr(engine, "open_session", lambda precision="double": either_width.in_precision(precision))
-    launched: list[str] = []
-    launch = Session.launch
-
-    def noted(session: Session, name: str, *arguments: Any, **named: Any) -> None:
-        launched.append(name)
-        launch(session, name, *arguments, **named)
-
-    monkeypatch.setattr(Session, "launch", noted)
-    mu, phi = np.array([0.3, 0.9]), np.array([0.0, 50.0, 310.0])
-    scenes = [vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo, np.inf)]) for albedo in (0.9, 0.5, 0.7)]
-
-    def solve(scenes: list[vrte.Scene]) -> tuple[list[np.ndarray], int]:
-        launched.clear()
-        found = vrte.brdfs(scenes, mu, mu, phi, nodes=4, backend="opencl", algorithm="invariance")
-        return [one.mueller for one in found], sum(
-            name.startswith(("add_orders", "add_scattering")) for name in launched
-        )
-
-    together, few = solve(scenes)
-    alone = [solve([scene]) for scene in scenes]
-    assert few == max(launches for _, launches in alone)
-    with monkeypatch.context() as patch:
-        patch.setattr(device_sums, "TOGETHER", 1.0)
-        in_chunks, many = solve(scenes)
-    assert many == sum(launches for _, launches in alone)
-    for whole, chunk, (one, _) in zip(together, in_chunks, alone, strict=True):
-        np.testing.assert_array_equal(whole, one[0])
-        np.testing.assert_array_equal(chunk, one[0])

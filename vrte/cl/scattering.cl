@@ -110,41 +110,36 @@ void see_columns(const real4* f, const real4* turns, int n_col, __global const r
     }
 }
 
-// The tables first_table[scene] .. first_table[scene + 1] - 1 are a scene's; tables (table, most terms, 13), terms
-// (table,); path (table, n_level, n_in, n_mu): what multiplies the phase matrix; mu0 (n_in,) > 0, mu (n_mu,) signed,
+// table (terms, SERIES); path (n_level, n_in, n_mu): what multiplies the phase matrix; mu0 (n_in,) > 0, mu (n_mu,) signed,
 // public; cos_phi, sin_phi (n_angle,), padded to a multiple of 4; columns (n_col, 4) within (I, Q) or, kind 1, (U, V),
-// place (n_col,) in the result's last axis; the others as `add_orders`, a tile being four angles.
-// Pieces: `each` directions, n_here, scenes; a lane has a tile of a direction's angles.
-#define SCATTERED INTS first_table, IN tables, long table_stride, INTS terms, IN path, IN mu0, IN mu, IN cos_phi, \
-    IN sin_phi, int n_col, IN columns, INTS kind, INTS place
+// place (n_col,) in the result's last axis. Pieces: `each` directions, n_in; a lane has a tile of four of a direction's angles.
+#define SCATTERED IN table, int terms, IN path, IN mu0, IN mu, IN cos_phi, IN sin_phi, int n_col, IN columns, INTS kind, \
+    INTS place
 
 SHARED
-__kernel void add_scattering(SCATTERED, int each, WHERE_OUT)
+__kernel void add_scattering(SCATTERED, int each, TABLE)
 {
-    const int i = first_in + get_group_id(1), begin_mu = each * get_group_id(0), tiles = (n_angle + 3) / 4;
-    const long scene = get_group_id(2), pairs = (long)n_in * n_mu;
+    const int i = get_group_id(1), begin_mu = each * get_group_id(0), tiles = (n_angle + 3) / 4;
+    const long pairs = (long)n_in * n_mu;
     real4 seen[8 * MOST_COLUMNS];      // four angles and their mirror images, a row (4, n_place) each
-    out += scene * out_stride;
-    SPREAD(tile, begin_mu * tiles, min(n_mu, begin_mu + each) * tiles)
-        for (int table = first_table[scene]; table < first_table[scene + 1]; table++) {
-            const int j = tile / tiles, angle = tile % tiles * 4;
-            __global const real* now = path + table * n_level * pairs + (long)i * n_mu + j;
-            int lit = 0;
-            for (int t = 0; t < n_level; t++)
-                lit |= now[t * pairs] != 0.0;
-            if (!lit)
-                continue;
-            real4 f[6], turns[4];
-            see_angles(terms[table], tables + table * table_stride, mu0[i], mu[j], AT(cos_phi, angle / 4),
-                       AT(sin_phi, angle / 4), f, turns);
-            see_columns(f, turns, n_col, columns, kind, place, n_place, seen);
-            for (int t = 0; t < n_level; t++)
-                for (int a = 0; a < min(4, n_angle - angle) && now[t * pairs] != 0.0; a++)
-                    for (int use = first_use[angle + a]; use < first_use[angle + a + 1]; use++) {
-                        const real4* from = seen + (mirror[use] < 0.0 ? a + 4 : a) * n_place;
-                        const long row = (t * pairs + (long)i * n_mu + j) * n_phi + azimuth[use];
-                        for (int k = 0; k < n_place; k++)
-                            *(__global loose4*)(out + (row * n_place + k) * 4) += now[t * pairs] * from[k];
-                    }
-        }
+    SPREAD(tile, begin_mu * tiles, min(n_mu, begin_mu + each) * tiles) {
+        const int j = tile / tiles, angle = tile % tiles * 4;
+        const long pair = (long)i * n_mu + j;
+        int lit = 0;
+        for (int t = 0; t < n_level; t++)
+            lit |= path[t * pairs + pair] != 0.0;
+        if (!lit)
+            continue;
+        real4 f[6], turns[4];
+        see_angles(terms, table, mu0[i], mu[j], AT(cos_phi, angle / 4), AT(sin_phi, angle / 4), f, turns);
+        see_columns(f, turns, n_col, columns, kind, place, n_place, seen);
+        for (int t = 0; t < n_level; t++)
+            for (int a = 0; a < min(4, n_angle - angle); a++)
+                for (int use = first_use[angle + a]; use < first_use[angle + a + 1]; use++) {
+                    const real4* from = seen + (mirror[use] < 0.0 ? a + 4 : a) * n_place;
+                    const long row = (t * pairs + pair) * n_phi + azimuth[use];
+                    for (int k = 0; k < n_place; k++)
+                        *(__global loose4*)(out + (row * n_place + k) * 4) += path[t * pairs + pair] * from[k];
+                }
+    }
 }

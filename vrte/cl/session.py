@@ -98,14 +98,6 @@ class DeviceArray(Placed):
         return replace(self, shape=shape)
 
 
-@dataclass(frozen=True, eq=False)
-class Reading:
-    """What is ``made`` on the host of arrays of a device, once they are read."""
-
-    arrays: Sequence[DeviceArray]
-    made: Callable[..., Any]
-
-
 @dataclass(eq=False)
 class Session:
     """context, queue and kernels (by name) of one device; ``memory``: what was freed is kept for the next array;
@@ -232,11 +224,6 @@ class Session:
             self.traffic.reads += 1
             self.traffic.bytes_down += sum(copy.nbytes for copy, _ in full)
         return [copy.astype(np.float64) if copy.dtype == np.float32 else copy for copy in found]
-
-    def read(self, readings: Sequence[Reading]) -> list[Any]:
-        """What each makes of its arrays; the host waits once for all of them."""
-        found = iter(self.download_all([array for reading in readings for array in reading.arrays]))
-        return [reading.made(*(next(found) for _ in reading.arrays)) for reading in readings]
 
     def launch(self, name: str, size: tuple[int, ...], *arguments: Any) -> None:
         """Enqueues a kernel: numbers, arrays, and whatever has its ``place`` among the kernel's arguments; ``size``:

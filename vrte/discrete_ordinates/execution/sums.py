@@ -29,15 +29,13 @@ class Light:
     """Multiply scattered light of some Fourier orders, with the same Stokes components and incident columns.
 
     orders (order,); stokes (S,): which of I, Q, U, V; columns (n_col,): which of the problem's; kernels (order, n_tau,
-    n_in, n_col, n_out, S): multiply scattered radiance for a unit beam, public frame, light going up first, in the
-    keeping of the engine that found it; factors (n_out, S): what that engine has yet to multiply them with.
+    n_in, n_col, n_out, S): multiply scattered radiance for a unit beam, public frame, light going up first.
     """
 
     orders: IntArray
     stokes: IntArray
     columns: IntArray
     kernels: Any
-    factors: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,10 +111,6 @@ class Adding(Protocol):
     def piece_bytes(self) -> float:
         """Of a result that is added up at a time."""
 
-    @property
-    def overwrites(self) -> bool:
-        """Whether `add_up` sets all numbers of a result, whatever was there."""
-
     def add_up(self, sums: Sequence[Sum], run: Run, told: Callable[[int], None]) -> None:
         """Adds the sums over Fourier orders, (1:6)-(1:8), and single scattering to all parts of all results; told(k)
         is called when k pieces of them are done."""
@@ -141,7 +135,7 @@ def fill_results(
     An engine adds up Fourier orders and single scattering; light of the forward peak and the beam reflected by the base
     come from the processor. told(k) is called when the engine is done with k pieces.
     """
-    sums = [prepare_sum(target, lights, run, engine.overwrites) for target, lights in lit]
+    sums = [prepare_sum(target, lights, run) for target, lights in lit]
     engine.add_up(sums, run, told)
     for result in sums:
         adders, n_phi = prepare_rest(result, choose_sum_threads(result, run)), result.target.azimuths.phi.size
@@ -152,12 +146,12 @@ def fill_results(
     return [[part.values for part in result.parts] for result in sums]
 
 
-def prepare_sum(target: Target, lights: Sequence[Light], run: Run, overwritten: bool) -> Sum:
+def prepare_sum(target: Target, lights: Sequence[Light], run: Run) -> Sum:
     """What an engine is to add up; single scattering by orders, where its closed form is not to be used."""
     skip_flags, through_interfaces = target.problem.skip_flags, target.problem.media is not None
     by_orders = not (skip_flags.single or through_interfaces)
     more = [find_single_scattering(target, run)] if by_orders else []
-    return Sum(target, [*lights, *more], make_parts(target, overwritten), not (by_orders or through_interfaces))
+    return Sum(target, [*lights, *more], make_parts(target), not (by_orders or through_interfaces))
 
 
 def choose_sum_threads(result: Sum, run: Run) -> Run:
@@ -187,10 +181,8 @@ def split_evenly(first: int, last: int, parts: int) -> Iterator[tuple[int, int]]
     return itertools.pairwise(first + k * (last - first) // parts for k in range(parts + 1))
 
 
-def make_parts(target: Target, overwritten: bool = False) -> list[Part]:
-    """Zeros, or whatever is there if it will be ``overwritten``; the problem has light going up first, in the order of
-    the request otherwise."""
-    make = np.empty if overwritten else np.zeros
+def make_parts(target: Target) -> list[Part]:
+    """Zeros; the problem has light going up first, in the order of the request otherwise."""
     mu, wanted, count = target.mu, target.wanted, target.problem.scenes
     row = np.empty(mu.size, np.int32)
     row[np.argsort(mu < 0.0, kind="stable")] = np.arange(mu.size, dtype=np.int32)
@@ -203,7 +195,7 @@ def make_parts(target: Target, overwritten: bool = False) -> list[Part]:
             row[directions],
             mu[directions],
             target.spreads[directions],
-            make((count * levels.size, wanted.scale.size, directions.size, *tail)),
+            np.zeros((count * levels.size, wanted.scale.size, directions.size, *tail)),
         )
         for levels, directions in wanted.parts
     ]

@@ -140,7 +140,6 @@ def join_stack(
     """The field at the wanted depths: kernels (order, n_tau, n_in, n_col, n_out, S), flux up and down of order 0
     (n_tau, n_in, n_col), and the residual of each order. Raises AccuracyError where a interface is singular."""
     problem = slab_stack.problem
-    levels, n_out = slab_stack.interface.size, problem.mu_out.size
     with run.timed("joining") as crew:
         found = run.kernels.join_slabs(
             crew,
@@ -151,7 +150,7 @@ def join_stack(
             nodes=problem.nodes,
             weights=problem.weights,
             mu0=problem.mu0,
-            n_out=n_out,
+            n_out=problem.mu_out.size,
             R=slabs.R,
             T=slabs.T,
             lost=slabs.lost,
@@ -166,15 +165,18 @@ def join_stack(
         raise AccuracyError(
             f"two slabs cannot be joined at order {orders[np.argmax(info != 0)]}: the system is singular"
         )
-    beams = (problem.mu0.size, problem.columns.shape[0])
-    directions = (orders.size, levels, *beams, n_out, len(problem.stokes))
-    kernels = np.concatenate(
-        [
-            found["up"].reshape(directions)[..., slab_stack.out[: problem.n_up], :] * problem.flip,
-            found["down"].reshape(directions)[..., slab_stack.out[problem.n_up :], :],
-        ],
-        axis=-2,
-    )
-    kernels /= 2.0 * np.pi
-    fluxes = found["flux"][0].reshape(levels, 2, *beams)
+    kernels = find_leaving_light(slab_stack, found["up"], found["down"])
+    beams = problem.mu0.size, problem.columns.shape[0]
+    fluxes = found["flux"][0].reshape(-1, 2, *beams)
     return kernels, fluxes[:, 0], fluxes[:, 1], np.max(found["residual"], axis=1, initial=0.0)
+
+
+def find_leaving_light(slab_stack: SlabStack, up: Array, down: Array) -> Array:
+    """Radiance in the public frame, (order, n_tau, n_in, n_col, n_out, S), of light from the interfaces, (order,
+    n_tau, n_rhs, S n_out)."""
+    problem, n_up = slab_stack.problem, slab_stack.problem.n_up
+    shape = *up.shape[:2], problem.mu0.size, problem.columns.shape[0], problem.mu_out.size, len(problem.stokes)
+    rising = up.reshape(shape)[..., slab_stack.out[:n_up], :] * problem.flip
+    kernels = np.concatenate([rising, down.reshape(shape)[..., slab_stack.out[n_up:], :]], axis=-2)
+    kernels /= 2.0 * np.pi
+    return kernels

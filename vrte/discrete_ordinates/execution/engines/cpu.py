@@ -49,7 +49,6 @@ class Processor:
 
     stages: Any = _core
     piece_bytes: float = PIECE_BYTES
-    overwrites: bool = False
     others: ClassVar[Mapping[str, str]] = OTHER
     takes_many: ClassVar[bool] = False
 
@@ -334,7 +333,12 @@ def try_orders(route: Route, orders: IntArray, run: Run) -> Found:
         found = route.solve(orders, run)
     except AccuracyError as error:
         return orders[:0], None, dict.fromkeys(orders.tolist(), str(error))
-    doubts = find_doubts(found, route.allowed)
+    return keep_verified(orders, found, route.allowed)
+
+
+def keep_verified(orders: IntArray, found: Orders, allowed: Mapping[str, float]) -> Found:
+    """Which of the orders pass the checks, what was found for them, and what is wrong with each of the others."""
+    doubts = find_doubts(found, allowed)
     if not doubts:
         return orders, found, {}
     kept = np.setdiff1d(np.arange(orders.size), list(doubts))

@@ -1,7 +1,7 @@
 """An OpenCL device: all orders of many plans in one call, by products and inverses alone.
 
 What the loops need goes up, what was asked for comes down; in between come only a few numbers an order, which steer:
-norms, gaps, residuals, and the largest light, which says how many orders are left.
+norms, gaps and residuals.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vrte import _core
-from vrte.basics.arrays import Array, IntArray
+from vrte.basics.arrays import Array, IntArray, replace_unchecked
 from vrte.basics.memory import ALWAYS_THERE, BYTES, find_available_bytes
 from vrte.basics.running import Run
 from vrte.cl import assembly, doubling, invariance, joining, reconstruction, sums
@@ -23,15 +23,16 @@ from vrte.cl.device import choose_precision, find_chosen_device, raise_device_er
 from vrte.cl.device import session as open_session
 from vrte.cl.doubling import Frame, Items
 from vrte.cl.errors import check_room
-from vrte.cl.session import Reading, Session, Traffic
-from vrte.discrete_ordinates.execution.engines.device_sums import add_up
-from vrte.discrete_ordinates.execution.engines.engine import Answer, Piece, make_empty_answer
-from vrte.discrete_ordinates.execution.sums import Light, Sum
+from vrte.cl.session import Session, Traffic
+from vrte.discrete_ordinates.execution.engines.cpu import Processor, keep_verified, make_answer
+from vrte.discrete_ordinates.execution.engines.engine import Answer, Piece
+from vrte.discrete_ordinates.execution.sums import Sum
 from vrte.discrete_ordinates.orders.base import expand_base
 from vrte.discrete_ordinates.orders.doubling import Doubling, find_asymmetry
 from vrte.discrete_ordinates.orders.invariance import TIGHTER, find_allowed_residuals, find_flux_up
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.slabs import SlabStack, cut_layers
+from vrte.discrete_ordinates.orders.slabs import SlabStack, cut_layers, find_leaving_light
+from vrte.discrete_ordinates.orders.solved import Orders
 from vrte.discrete_ordinates.planning.memory import count_doubles_of_kernels
 from vrte.discrete_ordinates.planning.plan import Plan
 
@@ -73,25 +74,17 @@ def run_alone(stage: Callable[..., Any], opened: Session, *arguments: Any, **nam
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What items of a sort are, one behind the other: kernels (item, n_tau, n_in, n_col, n_out, S) on the device,
-    ``shape`` that; incoming (n_col,): the largest element of each column; factors (n_out, S): what kernels are to be
-    multiplied with; its `Numbers`, yet to be read."""
+    """Fourier orders of scenes, one scene behind the other: kernels (item, n_tau, n_in, n_col, n_out, S) in the
+    public frame; flux (item, n_tau, 2, n_in, n_col), up and down; residuals by name, (item,)."""
 
-    kernels: Any
-    shape: tuple[int, ...]
-    incoming: Array
-    factors: Array
-    numbers: Reading
-
-
-@dataclass(frozen=True, eq=False)
-class Numbers:
-    """Of the same items: flux (item, n_tau, 2, n_in, n_col); residuals by name, (item,); singular (item,): above 0
-    where a matrix was."""
-
+    kernels: Array
     flux: Array
     residuals: dict[str, Array]
-    singular: Array
+
+    def part(self, items: slice) -> Orders:
+        """Some of them."""
+        up, down = self.flux[items.start].swapaxes(0, 1)
+        return Orders(self.kernels[items], up, down, {name: values[items] for name, values in self.residuals.items()})
 
 
 @dataclass(eq=False)
@@ -126,11 +119,6 @@ class Device:
         if self.precision[0] == "single" and self.in_doubles is not None:
             return {"invariance": IN_DOUBLES, "doubling": IN_DOUBLES}
         return {"invariance": "doubling"}
-
-    @property
-    def overwrites(self) -> bool:
-        """What comes down is put in place of whatever is there."""
-        return True
 
     @property
     def piece_bytes(self) -> float:
@@ -181,27 +169,27 @@ class Device:
             yield taken
 
     def solve(self, pieces: list[Piece], run: Run, told: Callable[[int], None]) -> list[Answer]:
-        """All orders of all pieces of a group; where an order is in doubt, its piece is."""
-        found = self.find(pieces, run)
-        (largest, brightest), numbers = self.session.read([look_at(self.session, found), found.numbers])
+        """All orders of all pieces of a group."""
+        found, allowed = self.find(pieces, run), self.find_allowed(pieces[0])
         answers, first = list[Answer](), 0
         for piece in pieces:
-            items = slice(first, first + piece.orders.size)
-            doubts = find_doubts(piece, numbers, items, self.session.precision)
-            full = piece, found, numbers, items, largest[items], brightest[first]
-            answers.append(make_empty_answer(doubts) if doubts else make_answer(*full))
-            first = items.stop
+            part = found.part(slice(first, first + piece.orders.size))
+            answers.append(make_answer(piece, *keep_verified(piece.orders, part, allowed)))
+            first += piece.orders.size
         return answers
 
     def find(self, pieces: list[Piece], run: Run) -> Found:
-        """What the items of pieces are, in the precision of `session`."""
+        """What the items of pieces are, in the precision of `session` or, where that left doubts, in doubles."""
         if pieces[0].name == "invariance":
             return solve_by_invariance(self.session, pieces, run)
-        if pieces[0].name != IN_DOUBLES:
-            return solve_by_doubling(self.session, pieces, run)
-        assert self.in_doubles is not None
-        found = solve_by_doubling(self.in_doubles, pieces, run)
-        return replace(found, kernels=self.session.upload(self.in_doubles.download(found.kernels)))
+        session = self.in_doubles if pieces[0].name == IN_DOUBLES else self.session
+        assert session is not None
+        return solve_by_doubling(session, pieces, run)
+
+    def find_allowed(self, piece: Piece) -> dict[str, float]:
+        """Residuals up to which the orders of a piece count."""
+        allowed: dict[str, float] = Doubling.allowed | find_allowed_residuals(piece.plan.accuracy)
+        return allowed | (ALLOWED_OF_FLOATS if self.precision[0] == "single" and piece.name != IN_DOUBLES else {})
 
     def failure(self, piece: Piece, order: int, reason: str) -> str:
         """What to tell of an order that nothing here can verify."""
@@ -217,10 +205,16 @@ class Device:
         reported: dict[str, Any] = {"device": find_chosen_device().name, "precision": precision, "precision_rule": rule}
         return reported | {"traffic": asdict(self.session.traffic.since(self.before))}
 
-    def add_up(self, sums: Sequence[Sum], run: Run, told: Callable[[int], None]) -> None:
-        """Results that are alike together, in pieces that the device has room for; single scattering always in
-        doubles."""
-        add_up(self.session, self.in_doubles, sums, run, told, self.piece_bytes)
+    def add_up(self, results: Sequence[Sum], run: Run, told: Callable[[int], None]) -> None:
+        """As the processor does, with the device's stages; single scattering always in doubles, by the processor where
+        the device has none."""
+        stages = SimpleNamespace(
+            azimuthal_sum=partial(sums.azimuthal_sum, self.session),
+            add_single_scattering=_core.add_single_scattering
+            if self.in_doubles is None
+            else partial(sums.add_single_scattering, self.in_doubles),
+        )
+        Processor(piece_bytes=self.piece_bytes).add_up(results, replace_unchecked(run, kernels=stages), told)
 
 
 def open_engine(asked: str = "auto", accuracy: float = 0.0) -> Device:
@@ -252,50 +246,6 @@ def count_matrix_bytes(piece: Piece) -> float:
     rows, columns = problem.size + problem.rows_out + 16, problem.size + problem.n_rhs
     slabs = cut_layers(problem).thickness.size if piece.name in BY_SLABS else 1
     return 8.0 * STACKS * piece.orders.size * slabs * rows * columns
-
-
-def look_at(opened: Session, found: Found) -> Reading:
-    """The largest radiance of each item at each depth for each beam, and I in the brightest column per unit of what
-    comes in, (item, n_tau, n_in)."""
-    items, levels, n_in, n_col, n_mu, stokes = found.shape
-    light = opened.empty((2, items, levels, n_in))
-    rows = int(np.count_nonzero(found.factors.any(axis=1)))
-    shape = levels, n_in, n_col, n_mu, rows, stokes, int(np.argmax(found.incoming))
-    opened.launch("largest_light", (n_in, levels, items), *shape, found.kernels, light, light.size // 2)
-
-    def scale(seen: Array) -> tuple[Array, Array]:
-        largest, intensity = float(np.abs(found.factors).max()) * seen
-        return largest, intensity / max(float(found.incoming.max()), 1e-300)
-
-    return Reading([light], scale)
-
-
-def find_doubts(piece: Piece, found: Numbers, items: slice, precision: str) -> dict[int, str]:
-    """What is wrong with the orders of a piece, solved in a precision; all of them are in doubt, or none."""
-    allowed: dict[str, float] = Doubling.allowed | find_allowed_residuals(piece.plan.accuracy)
-    if precision == "single" and piece.name != IN_DOUBLES:
-        allowed |= ALLOWED_OF_FLOATS
-    doubts = {index: "a matrix is singular" for index in np.flatnonzero(found.singular[items]).tolist()}
-    for name, values in found.residuals.items():
-        for index in np.flatnonzero(~(values[items] <= allowed[name])).tolist():
-            doubts.setdefault(index, f"{name} {values[items][index]:.2g}, allowed {allowed[name]:g}")
-    if not doubts:
-        return {}
-    orders = piece.orders.tolist()
-    first = {orders[index]: reason for index, reason in doubts.items()}
-    return first | {order: "solved together with others in doubt" for order in orders if order not in first}
-
-
-def make_answer(piece: Piece, found: Found, numbers: Numbers, items: slice, largest: Array, brightest: Array) -> Answer:
-    """What a group's items are to a piece."""
-    block, orders, shape = piece.block, piece.orders, found.shape[1:]
-    kernels = sums.make_dense_kernels(found.kernels.data, (orders.size, *shape), items.start * int(np.prod(shape)))
-    stokes, columns = np.array(block.stokes, np.int32), np.array(block.columns, np.int32)
-    light = Light(orders, stokes, columns, kernels, found.factors)
-    everywhere = orders.size, piece.problem.level.size, largest.shape[2]  # light of the top alone has one depth
-    residuals = {name: values[items] for name, values in numbers.residuals.items()}
-    flux = numbers.flux[items.start].swapaxes(0, 1)
-    return Answer(light, flux, np.broadcast_to(largest, everywhere), brightest, residuals, {})
 
 
 @dataclass(frozen=True, eq=False)
@@ -354,23 +304,17 @@ def solve_by_doubling(opened: Session, pieces: list[Piece], run: Run) -> Found:
             ground=make_ground(batch),
         )
         joined = joining.join(opened, frame, slab_stacks, slabs.R, slabs.T, slabs.lost)
-        shape = (slab_stacks.slab.shape[0], slab_stack.interface.size, problem.mu0.size, problem.columns.shape[0])
-        directions = pieces[0].problem.mu_out.size, len(problem.stokes)
-        kernels = find_leaving_light(opened, batch, joined, (*shape, *directions))
-
-    def make_numbers(state: Any, info: Array, flux: Array, of_slabs: Array, of_adding: Array) -> Numbers:
-        residuals = find_worst_of_items(batch, of_slabs)
-        allowed = {
-            "residual_of_reflection": residuals[:, 0],
-            "residual_of_transmission": residuals[:, 1],
-            "residual_of_adding": of_adding.max(axis=1),
-        }
-        singular = np.maximum(find_worst_of_items(batch, state["singular"])[:, 0], info)
-        return Numbers(flux.reshape(*shape[:2], 2, *shape[2:]), allowed, singular)
-
-    numbers = Reading((slabs.state, joined.info, joined.flux, slabs.residual, joined.residual), make_numbers)
-    incoming = np.abs(problem.columns).max(axis=1)
-    return Found(kernels, (*shape, *directions), incoming, np.ones(directions), numbers)
+        made = joined.up, joined.down, joined.flux, joined.info, joined.residual, slabs.state, slabs.residual
+        up, down, flux, info, of_adding, state, of_slabs = opened.download_all(made)
+    of_slabs = find_worst_of_items(batch, of_slabs)
+    singular = (info != 0) | (find_worst_of_items(batch, state["singular"])[:, 0] != 0)
+    residuals = {
+        "residual_of_reflection": of_slabs[:, 0],
+        "residual_of_transmission": of_slabs[:, 1],
+        "residual_of_adding": np.where(singular, np.inf, of_adding.max(axis=1)),
+    }
+    flux = flux.reshape(*flux.shape[:3], problem.mu0.size, -1)
+    return Found(find_leaving_light(slab_stack, up, down), flux, residuals)
 
 
 def find_worst_of_items(batch: Batch, values: Array) -> Array:
@@ -447,41 +391,21 @@ def make_ground(batch: Batch) -> joining.Ground | None:
     return joining.Ground(*(np.concatenate([getattr(ground, name) for ground in grounds]) for name in names))
 
 
-def find_leaving_light(opened: Session, batch: Batch, joined: joining.Joined, shape: tuple[int, ...]) -> Any:
-    """Radiance of every item in the public frame, (item, n_tau, n_in, n_col, n_out, S)."""
-    items, levels, n_in, n_col, n_mu, stokes = shape
-    problem, slab_stack = batch.problem, batch.slab_stacks[0]
-    kernels = opened.empty(shape)
-    sizes = n_in * n_col, levels, n_mu, batch.pieces[0].problem.n_up, problem.mu_out.size, stokes
-    factors = opened.constant(problem.flip / (2.0 * np.pi)), opened.constant(np.full(stokes, 1.0 / (2.0 * np.pi)))
-    opened.launch(
-        "leaving",
-        (n_in * n_col, levels, items),
-        *(np.int32(size) for size in sizes),
-        *(opened.constant(slab_stack.out), *factors, joined.up, joined.down, kernels),
-        opened.constant(np.arange(items, dtype=np.int32)),
-    )
-    return kernels
-
-
 def solve_by_invariance(opened: Session, pieces: list[Piece], run: Run) -> Found:
     """Fixed points of the invariance equation for all orders of all pieces: the top of semi-infinite layers."""
     problem, orders = pieces[0].problem, np.concatenate([piece.orders for piece in pieces])
     with run.timed("invariance", opened.finish):
-        light = invariance.reflect_semi_infinite(opened, **gather_layers(opened, pieces), stop=run.stop)
-    directions = problem.mu_out.size, len(problem.stokes)
-    shape = orders.size, 1, problem.mu0.size, problem.columns.shape[0], *directions
-    factors = np.zeros(directions)
-    factors[: problem.n_up] = problem.flip / (2.0 * np.pi)
-
-    def make_numbers(residual: Array, *nodal: Array) -> Numbers:
-        flux = np.zeros((shape[0], 1, 2, *shape[2:4]))
-        for each in nodal:
-            flux[:, 0, 0] = np.concatenate([find_flux_up(problem, item) for item in each])
-        return Numbers(flux, {"residual_of_invariance": residual}, np.zeros(shape[0]))
-
-    numbers = Reading([light.residual, *([light.on_nodes] if (orders == 0).any() else [])], make_numbers)
-    return Found(light.up.reshape(shape), shape, np.abs(problem.columns).max(axis=1), factors, numbers)
+        found = invariance.reflect_semi_infinite(opened, **gather_layers(opened, pieces), stop=run.stop)
+        up, on_nodes, residual = opened.download_all([found.up, found.on_nodes, found.residual])
+    levels, beams = problem.level.size, (problem.mu0.size, problem.columns.shape[0])
+    kernels = up.reshape(orders.size, 1, *beams, problem.mu_out.size, len(problem.stokes))
+    kernels[..., : problem.n_up, :] *= problem.flip / (2.0 * np.pi)
+    kernels[..., problem.n_up :, :] = 0.0
+    flux = np.zeros((orders.size, levels, 2, *beams))
+    for item in np.flatnonzero(orders == 0):
+        flux[item, :, 0] = find_flux_up(problem, on_nodes[item])
+    kernels = np.broadcast_to(kernels, (orders.size, levels, *kernels.shape[2:]))
+    return Found(kernels, flux, {"residual_of_invariance": residual})
 
 
 def gather_layers(opened: Session, pieces: list[Piece]) -> dict[str, Any]:
