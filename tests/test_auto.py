@@ -12,7 +12,6 @@ from bench.methods import Row
 from bench.methods_page import make_score_rows
 from bench.rules import find_disagreements, read_report_rows
 from tests.random_scenes import Asked, asked, faint
-from vrte.basics.errors import SceneError
 from vrte.calls.plan import make_request
 from vrte.cli import main
 from vrte.methods.parts.auto import (
@@ -61,13 +60,6 @@ def test_it_solves_as_the_method_that_it_took_and_says_so(
     assert ("which the solve compares with" in str(plan)) == (place == 1)
     assert max(map(len, str(plan).splitlines())) <= 120
     assert "auto, rule" not in str(vrte.plan("radiance", scene, **keys))
-
-
-@pytest.mark.parametrize("told", [{"nodes": 8}, {"settings": {"orders": 3}}])
-def test_what_it_does_not_take(told: dict[str, object]) -> None:
-    (name,) = told
-    with pytest.raises(SceneError, match=f"method 'auto' takes no {name}: it goes by accuracy"):
-        vrte.radiance(MIDDLE, **KEYS, method="auto", **told)
 
 
 def test_brdf_and_light_from_below() -> None:

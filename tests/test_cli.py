@@ -86,6 +86,8 @@ REFUSED = [  # a command line, words of the complaint, and of the page that says
     ("material rutile --range-um 0.3:0.7:5", "goes from 0.43 to 1.53 um; a wavelength of 0.3 um is outside"),
     ("material gold --wavelength-um 0.6 --host-index 1.5", "--host-index says what is around spheres"),
     ("material gold --wavelength-um 0.6 --scene a.toml", "--scene goes with ready materials"),
+    ("material chalk --radius-um 1", "--radius-um goes with substances, not with ready materials"),
+    ("material chalk --scene a.txt", "must end in .toml"),
     ("material gold --wavelength-um 0.6 --plot a.png", "--plot draws over wavelengths"),
     ("material gold --range-um 0.5:0.7:3 -o a.txt", "must end in .csv"),
     ("material --range-um 0.5:0.7:3", "needs the name of a material before it (docs/how_to/materials.md)"),

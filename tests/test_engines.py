@@ -10,7 +10,6 @@ import pytest
 
 import vrte
 from vrte import _core
-from vrte.basics.errors import SceneError
 from vrte.basics.running import Run, ThreadTeam
 from vrte.cl import errors, reconstruction
 from vrte.cl.session import Session
@@ -201,22 +200,6 @@ def test_too_little_memory_is_said_before(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(errors, "SHARE", 1e-6)  # of whatever memory the device has
     with pytest.raises(vrte.DeviceError, match=r"this needs about .* GB on the OpenCL device"):
         vrte.brdf(SCENES["one layer"], np.linspace(0.01, 1, 200), np.linspace(0.01, 1, 200), nodes=6, backend="opencl")
-
-
-@pytest.mark.parametrize(
-    ("how", "message"),
-    [
-        ({"backend": "cuda"}, r"backend must be 'openmp', 'sequential', .*, not 'cuda'"),
-        (
-            {"backend": "opencl", "algorithm": "modes"},
-            "'modes' needs an eigensolver, which backend 'opencl' does not have",
-        ),
-        ({"backend": "sequential", "threads": 2}, "backend 'sequential' has one thread"),
-    ],
-)
-def test_what_is_refused(how: dict[str, Any], message: str) -> None:
-    with pytest.raises(SceneError, match=message):
-        vrte.brdf(SCENES["one layer"], MU, MU, **how)
 
 
 def test_verify_compares_with_the_processor() -> None:

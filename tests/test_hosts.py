@@ -79,22 +79,6 @@ def test_a_tinted_coat_obeys_beers_law() -> None:
     assert Layer.clear(100.0, 1.5, 0.55).thickness == 0.0
 
 
-def test_what_is_wrong_with_a_host_is_refused_in_words() -> None:
-    crowd = {"thickness": 1.0, "packing": "percus-yevick"}
-    for words, call, *arguments in (
-        ("volume_fraction is needed beside thickness: the host absorbs", lambda: Layer.of(pigment(), thickness=1.0)),
-        ("is not used beside thickness", lambda: Layer.of(pigment(1.5), thickness=1.0, volume_fraction=0.1)),
-        ("is needed beside thickness: .* packing asks for it", lambda: Layer.of(pigment(1.5), **crowd)),
-        ("host_index: 1.5 .* 0.1i absorbs too much", pigment, (1.5, 0.1)),
-        ("host_index: .* absorbs too much", Layer.clear, 1.0, (1.5, 0.1), 0.55),
-        ("thickness_um must be a length", Layer.clear, -1.0, 1.5, 0.55),
-        ("wavelength_um must be a length from 1e-6 to 1e6 um", Layer.clear, 1.0, 1.5, 0.0),
-        ("lie in one medium", vrte.mixture, [(pigment(), 1.0), (pigment(1.33), 1.0)]),
-    ):
-        with pytest.raises(vrte.SceneError, match=words):
-            call(*arguments)
-
-
 def make_content(**layer: Any) -> dict[str, Any]:
     """A scene of one layer of particles in resin."""
     held = {"particles": "white", "thickness_um": 5.0, "volume_fraction": 0.08} | layer

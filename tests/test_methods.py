@@ -29,7 +29,6 @@ FINE = {
     "successive-orders": ({"tolerance": 1e-12, "levels": 160}, 1e-11),
 }
 ISOTROPIC, RAYLEIGH = vrte.isotropic(), vrte.rayleigh()
-THIN = vrte.Scene([vrte.Layer(ISOTROPIC, albedo=0.5, thickness=0.1)])
 LEAF = vrte.MuellerBase(make_leaf)  # polarizes, and reflects other azimuthal orders than 0
 GLASS, SILVER = vrte.Interface(1.0, 1.5), vrte.Mirror((0.05, 3.0))
 
@@ -90,14 +89,6 @@ def test_what_it_does_not_take_is_refused_by_name(method: Method, ability: str) 
     found = vrte.brdf(scene, transmission=transmitted and bool(np.isfinite(scene.thickness)), **asked)
     if not transmitted:
         assert np.abs(found.mueller - plain.mueller).max() > 1e-3
-
-
-def test_bases_and_depths_that_are_refused() -> None:
-    for name in ("two-stream", "diffusion", "synthetic-iteration"):
-        with pytest.raises(SceneError, match=f"method '{name}' takes no base but a Lambertian one"):
-            vrte.brdf(vrte.Scene(layers(), LEAF), 0.5, 0.5, method=name)
-    with pytest.raises(SceneError, match="takes no depth inside a layer"):
-        vrte.radiance(THIN, 0.5, tau=0.05, method="invariant-imbedding")
 
 
 # Their light on the scenes of tests/scenes.py: tests/test_every_way.py.

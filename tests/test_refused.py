@@ -20,20 +20,25 @@ from vrte.appearance.two_flux_fit import find_kubelka_munk
 from vrte.basics.splines import make_cosines
 from vrte.formats.scene_file import make_scene_file
 from vrte.formats.toml_table import parse_toml
+from vrte.methods.matrix_operator import propagator
 from vrte.optics import shapes, spheres
 from vrte.request.how import AUTO, How
 from vrte.results.quantities import of_brdf, of_stokes
 
 from .samples import rough_mirror
+from .scenes import make_leaf
 
 Row = tuple[Any, ...]  # a call, words of its error, and the place, first of which is the first word where it is None
 index, matrix, table = vrte.refractive_index, vrte.PhaseMatrix, vrte.PhaseMatrix.from_angles
 layer, fill, mueller, facets = vrte.Layer, vrte.Layer.of, vrte.MuellerBase, vrte.Facets
 RAYLEIGH, WIDE, MU = vrte.rayleigh(), vrte.Lognormal(0.2, 1.2), make_cosines(6)
 GLASS, SMOOTH = vrte.spheres(1.5, radius_um=0.1, wavelength_um=0.5), vrte.Interface(1.0, 1.5)
+TINTED = vrte.spheres(1.7, radius_um=0.1, wavelength_um=0.5, host_index=(1.5, 2e-4))
 ONE, ENDLESS, EMPTY = layer(RAYLEIGH, 1, 1), layer(RAYLEIGH, 0.5, math.inf), layer(vrte.isotropic(), 0.0, 0.0)
 SCENE, WHITE = vrte.Scene([ONE]), vrte.Lambertian(0.9)
 brdf = partial(vrte.brdf, SCENE, 0.5, 0.5, nodes=2)
+field = partial(vrte.radiance, SCENE, 0.5, nodes=2)
+BEAMS = vrte.radiance(SCENE, [0.6], mu=[], nodes=2)
 
 OPTICS: list[Row] = [
     (partial(index, "golld", 0.5), r"'golld' is neither a known name .* did you mean 'gold'", "index"),
@@ -216,6 +221,16 @@ SCENES: list[Row] = [
     (partial(fill, DUST, thickness=1.0, packing="percus-yevick"), "volume_fraction is needed beside thickness"),
     (partial(fill, DUST, thickness_um=1.0, volume_fraction=0.0), "must be above 0 and below 1"),
     (partial(fill, DUST, thickness_um=-1.0, volume_fraction=0.05), "thickness_um must be a length"),
+    (partial(fill, TINTED, thickness=1.0), "volume_fraction is needed beside thickness: the host absorbs"),
+    (
+        partial(fill, GLASS, thickness=1.0, packing="percus-yevick"),
+        "is needed beside thickness: .* packing asks for it",
+    ),
+    (make("spheres", host_index=(1.5, 0.1)), "host_index: 1.5 .* 0.1i absorbs too much"),
+    (partial(layer.clear, 1.0, (1.5, 0.1), 0.55), "host_index: .* absorbs too much"),
+    (partial(layer.clear, -1.0, 1.5, 0.55), "thickness_um must be a length"),
+    (partial(layer.clear, 1.0, 1.5, 0.0), "wavelength_um must be a length from 1e-6 to 1e6 um"),
+    (partial(vrte.mixture, [(TINTED, 1.0), (GLASS, 1.0)]), "lie in one medium"),
     (partial(vrte.Scene, []), "at least one layer, or a base"),
     (partial(vrte.Scene, [ONE, {}]), "Scene: item 2 of layers must be a vrte.Layer or a vrte.Interface, not {}"),
     (partial(vrte.Scene, [RAYLEIGH]), r"vrte.Layer\(phase_matrix, albedo, thickness\)"),
@@ -287,6 +302,18 @@ SCENES: list[Row] = [
     (vary([0.0], [0.0], is_outside=True), "scene_at", P),
 ]
 
+GREY, PEAKED = layer(vrte.isotropic(), 0.9, 1.0), layer(vrte.henyey_greenstein(0.95, 300), 1, 1)
+LEAF = mueller(make_leaf)
+
+
+def brdf_of(scene: vrte.Scene, method: str, **how: Any) -> Any:
+    return vrte.brdf(scene, 0.5, 0.5, method=method, **how)
+
+
+def iterate(scene: vrte.Scene = SCENE, **how: Any) -> Any:
+    return brdf_of(scene, "synthetic-iteration", **how)
+
+
 HOW: list[Row] = [
     (partial(SKY.under, np.ones((3, 4, 4))), r"must have the shape \(2, 4, 4\), not \(3, 4, 4\)"),
     (partial(SKY.under, [np.nan, 0.0, 0.0, 0.0]), "incident light must be finite"),
@@ -309,6 +336,22 @@ HOW: list[Row] = [
     (partial(vrte.brdf, SCENE, 0.5, np.array([0.5 + 1e-3j])), "mu_o must be real numbers"),
     (partial(vrte.brdf, SCENE, 0.5, np.ma.masked_array([0.5, 0.6], [0, 1])), "mu_o must be real numbers"),
     (partial(vrte.brdf, SCENE, 0.5, np.broadcast_to(0.5, 10**12)), "mu_o must be at most 100000000 numbers"),
+    (partial(vrte.radiance, SCENE, 0.0), "mu0 must satisfy"),
+    (partial(field, mu=[0.5, 1.5]), "mu must satisfy"),
+    (partial(field, mu=[[]]), "mu must be"),
+    (partial(field, phi=np.nan), "phi must be finite"),
+    (partial(field, tau=2.0), "tau must lie between 0 and the total optical thickness 1"),
+    (partial(field, tau=np.inf), "tau must be finite"),
+    (partial(field, stokes=(1, 0, 0)), "stokes must be four"),
+    (partial(field, stokes=(1, 0, np.nan, 0)), "stokes must be finite"),
+    (partial(field, stokes=(1, 2, 0, 0)), r"stokes must be light, I >= 0 and I\^2 >= Q\^2 \+ U\^2 \+ V\^2: \["),
+    (partial(field, stokes=(1, 0.8, 0.5, 0.4)), "stokes must be light"),
+    (partial(field, stokes=(-1, 0, 0, 0)), "stokes must be light"),
+    (partial(field, stokes=(0, 0, 0, 1e-3)), "stokes must be light"),
+    (partial(BEAMS.beam, 1), "place must be one of 1 beams, from 0 on, not 1"),
+    (partial(BEAMS.beam(0).beam, 0), "field of one beam"),
+    (partial(vrte.views, SCENE, [0.3, 0.6, 1.0], [0.5, 0.6]), "must be of one length, a geometry each, not of 3, 2, 1"),
+    (partial(vrte.views, SCENE, [0.5, -0.5], [0.5, 0.6]), "mu0 must satisfy"),
     (partial(brdf, transmission=1), "transmission must be True or False, not 1"),
     (partial(brdf, derivatives="layer[2].albedo"), "the scene has layer 1"),
     (partial(How, nodes=0), "^nodes must be a whole number from 1 to 4096, not 0", None),
@@ -319,11 +362,30 @@ HOW: list[Row] = [
     (partial(How, threads=0), "^threads must be a whole number from 1 to 4096, not 0", None),
     (partial(How, time_limit_s=-1), "^time_limit_s must be seconds, not -1", None),
     (partial(How, algorithm="modes", backend="opencl"), "^algorithm 'modes' needs an eigensolver", None),
-    (partial(How, method=AUTO, nodes=8), "^method 'auto' takes no nodes", None),
+    (partial(How, method=AUTO, nodes=8), "^method 'auto' takes no nodes: it goes by accuracy", None),
+    (partial(How, method=AUTO, settings={"orders": 3}), "^method 'auto' takes no settings: it goes by accuracy", None),
+    (partial(How, nodes=2.5), "^nodes must be a whole number", None),
+    (partial(How, backend="cuda"), "^backend must be 'openmp', 'sequential', .*, not 'cuda'", None),
+    (partial(brdf, backend="sequential", threads=2), "backend 'sequential' has one thread"),
     (partial(How, precision="half"), "^precision must be 'auto', 'double', 'single', not 'half'", None),
     (partial(How, precision="single"), "^precision 'single' is of .*: 'openmp' computes in doubles", None),
     (partial(How, precision="double", backend="opencl+lapack"), "^precision 'double' is of backend 'opencl'", None),
     (partial(How, precision="single", backend="opencl", accuracy=1e-5), "0.0001 .*, not 1e-05", "precision"),
+    (partial(propagator, vrte.Scene([ONE], WHITE), nodes=6), "without a base"),
+    (partial(propagator, vrte.Scene([ENDLESS]), nodes=6), "which end"),
+    (partial(propagator, vrte.Scene([SMOOTH, ONE]), nodes=6), "in one medium"),
+    *(
+        (partial(brdf_of, vrte.Scene([GREY], LEAF), name), f"method '{name}' takes no base but a Lambertian one")
+        for name in ("two-stream", "diffusion", "synthetic-iteration")
+    ),
+    (partial(field, tau=0.05, method="invariant-imbedding"), "takes no depth inside a layer"),
+    (
+        partial(brdf_of, vrte.Scene([PEAKED]), "two-stream", truncation="none"),
+        "on one node an asymmetry of 0.95 .* ask",
+    ),
+    (partial(iterate, truncation="none"), "separates small angles: leave truncation out"),
+    (partial(iterate, settings={"regular": "magic"}), "setting 'regular' of method 'synthetic-iteration' must be"),
+    (partial(iterate, vrte.Scene([ENDLESS]), settings={"iterations": 2}), "needs layers that end"),
     (partial(vrte.load, 3), "path must be the name of a file, not 3"),
     (partial(vrte.paint, np.zeros(2)), "scene must be the name of a file, a dictionary by names or a Panel, not"),
     (partial(vrte.appearance, {}, geometries="45:0"), r"one alone is \['45:0'\]"),
