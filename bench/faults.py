@@ -86,7 +86,7 @@ ORDINATES = list_faults(
     ("lowest-node", "discrete_ordinates/planning/choice.py", "SHARE_OF_STEEP = 0.3", "SHARE_OF_STEEP = 1e9",
      "modes are given nodes along which they lose digits", "discrete_ordinates"),
     ("base-sign", "discrete_ordinates/orders/base.py", "(FLIP[:, None] * orders)", "(1.0 * orders)",
-     "sign of U and V that a base sends up", "bases"),
+     "sign of U and V that a base sends up", "discrete_ordinates"),
     ("graded-flux", "discrete_ordinates/orders/phase_assembly.py", "and not problem.is_exact:", "and problem.is_exact:",
      "nodes that are not Gauss's lose flux", "energy_balance every_way"),
     ("gmres", "discrete_ordinates/orders/tanh_poles.py", 'of_scatterings": 1e-9', 'of_scatterings": 1e9',

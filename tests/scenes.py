@@ -106,6 +106,7 @@ def make_leaf(mu_i: Any, mu_o: Any, phi_deg: Any) -> np.ndarray:
 
 KNOWN = {
     "glass over black": vrte.Scene([GLASS, layer(TURNING, 0.95, 0.8)], vrte.Lambertian(0.0)),
+    "a dense medium over white": vrte.Scene([vrte.Interface(1.0, 4.0), layer(TURNING, 1.0, 5.0)], vrte.Lambertian(1.0)),
     "glass over white": vrte.Scene([GLASS, layer(AIR, 1.0, 0.8)], vrte.Lambertian(1.0)),
     "glass over Lambertian, nothing else": vrte.Scene([GLASS], vrte.Lambertian(0.7)),
     "almost no surface": vrte.Scene([vrte.Interface(1.0, 1.0001), layer(TURNING, 1.0, 0.8)], vrte.Lambertian(0.4)),

@@ -44,17 +44,6 @@ def over(albedo: float) -> dict[str, Any]:
 # ---- panels
 
 
-def test_a_panel_gives_what_brdf_gives_at_each_wavelength() -> None:
-    panel = make_panel({"layer": [SURFACE, CLOUDY], "base": over(0.3)}, TWO, nodes=8)
-    assert [one.index_below for one in panel.surface if one] == [1.5, 1.5]
-    bare, asked = panel.take_off_surface(), ([0.5, 0.9], [0.3, 1.0], [0.0, 180.0])
-    assert (bare.surface, bare.scenes[0].index_above) == ((None, None), 1.5)
-    for scene, one in zip(panel.scenes, panel.solve(*asked), strict=True):
-        alone = vrte.brdf(scene, *asked, nodes=8, threads=1)
-        assert np.array_equal(one.mueller, alone.mueller)
-        assert np.array_equal(one.total_reflectance, alone.total_reflectance)
-
-
 def test_a_film_is_made_thicker_and_put_over_other_bases() -> None:
     white = {"index": 2.5, "size": {"lognormal": {"median_um": 0.1, "sigma": 1.2}}}
     content = {"host_index": 1.5, "particles": {"white": white}}
@@ -258,14 +247,6 @@ def test_a_base_under_a_smooth_surface(albedo: float) -> None:
     for name, angle in (("45:0", 0.0), ("45:as15", 30.0), ("45:as110", 65.0)):
         expected[name] = let_through(45.0) * let_through(angle) * sent_up / INDEX**2
     assert read_panel(make_even(albedo, SURFACE), *expected) == close_to(expected, rtol=0.0, atol=1e-7)
-
-
-def test_illumination_and_collection_may_be_exchanged() -> None:
-    """To the nodes of two solves, 1e-5 of 0.2. The BRDF of rough surfaces is reciprocal by tests/test_rough.py."""
-    names = ["45:0", "0:45", "30:60", "60:30", "20:-50", "50:-20"]
-    read = read_panel(make_paint(0.95, 0.3, accuracy=1e-5), *names)
-    for one, other in zip(names[::2], names[1::2], strict=True):
-        assert read[one] == close_to(read[other], rtol=0.0, atol=2e-6)
 
 
 def test_light_from_all_sides_seen_at_8_degrees() -> None:

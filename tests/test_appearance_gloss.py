@@ -2,7 +2,6 @@
 
 import itertools
 import math
-from importlib import import_module
 
 import numpy as np
 import pytest
@@ -78,15 +77,6 @@ def test_receptor_gets_what_a_plain_grid_sums_up(surface: Interface) -> None:
         coarse, fine = (sum_grid(surface, angle_deg, receptor, count, finer) for count in (32, 64))
         expected = fine + (fine - coarse) / 3.0
         assert collect_mirrored(surface, cosine(angle_deg), receptor) == close_to(expected, rtol=2e-5, atol=0.0)
-
-
-def test_more_points_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    for surface, angle_deg in zip(SURFACES[1:], ANGLES, strict=True):
-        asked = surface, cosine(angle_deg), RECEPTORS[angle_deg], SOURCE
-        fraction = collect_mirrored(*asked)
-        with monkeypatch.context() as patch:
-            patch.setattr(import_module("vrte.appearance.apertures"), "SOURCE_POINTS", 5)
-            assert fraction == close_to(collect_mirrored(*asked, 10), rtol=1e-6, atol=0.0)
 
 
 @pytest.mark.parametrize("surface", SURFACES, ids=lambda one: one.in_words[35:])

@@ -55,16 +55,6 @@ def test_three_solves_tell_the_film_over_every_even_base(above: Any, below: Any,
             assert even.reflect(albedo) == close_to(read(panel, albedo, geometry), rtol=0.0, atol=within)
 
 
-def test_u_is_what_gets_down_times_what_gets_up() -> None:
-    """By reciprocity both are transmittances from above, which fluxes at the bottom tell."""
-    panel = prepare(SURFACE, {**GREY, "thickness": 2.0}, at=[0.5], nodes=20)
-    even = fit_lambertian_bases(*(read(panel, albedo) for albedo in (0.0, 0.5, 1.0)))
-    scene = panel.put_over(None).scenes[0]
-    fields = [vrte.radiance(scene, mu, mu=[], tau=scene.thickness, nodes=20, accuracy=1e-4) for mu in (MU_I, 1.0)]
-    down, up = (float((field.flux_down + field.direct)[0]) / field.mu0 for field in fields)
-    assert even.u[0] == close_to(down * up / INDEX**2, rtol=1e-9, atol=0.0)
-
-
 def test_films_that_never_hide_always_hide_or_need_not() -> None:
     """R = A exp(-tau/mu_i - tau) of a film that only absorbs: the ratio stays that of the cards. Thick dark films look
     as semi-infinite ones. Cards as much alike as the target need no film."""

@@ -62,16 +62,6 @@ def test_it_solves_as_the_method_that_it_took_and_says_so(
     assert "auto, rule" not in str(vrte.plan("radiance", scene, **keys))
 
 
-def test_brdf_and_light_from_below() -> None:
-    asked_for = {"mu_i": [0.4, 0.8], "mu_o": [0.3, 0.9], "phi": 30.0, "illuminate": "bottom"}
-    found, right = (
-        vrte.brdf(MIDDLE, **asked_for, **how) for how in ({"accuracy": 1e-3, "method": "auto"}, {"accuracy": 1e-8})
-    )
-    assert "rule 2" in found.diagnostics["method_rule"]
-    largest = right.mueller[..., 0, 0].max(axis=(1, 2))
-    assert (np.abs(found.mueller - right.mueller).max(axis=(1, 2, 3, 4)) < 1e-3 * largest).all()
-
-
 MUELLER = vrte.MuellerBase(lambda i, o, phi: np.zeros((*np.broadcast_shapes(*map(np.shape, (i, o, phi))), 4, 4)))
 
 

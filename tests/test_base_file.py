@@ -145,12 +145,3 @@ def test_tensors_that_are_no_table_are_refused(change: Any, words: str, tensor: 
     with pytest.raises(vrte.SceneError, match=words) as refused:
         vrte.read_base(tmp_path / "changed.bsdf", 0.55)
     assert str(refused.value).startswith(str(tmp_path / "changed.bsdf"))
-
-
-@pytest.mark.filterwarnings("ignore::vrte.CoarseTableWarning")
-@pytest.mark.usefixtures("few_directions")
-def test_what_leans_is_averaged_where_it_is_asked_for(tensor: Path, tmp_path: Path, exact: np.ndarray) -> None:
-    fields: dict[str, Any] = dict(read_tensors(tensor))
-    leaning(fields)
-    write_tensors(fields, tmp_path / "changed.bsdf")
-    assert largest_gap(found_at(vrte.read_base(tmp_path / "changed.bsdf", 0.55, average_mirrored=True)), exact) < 0.1

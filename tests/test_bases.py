@@ -22,7 +22,6 @@ from vrte.scene.azimuths import sum_over_azimuths, sum_pieces
 from vrte.scene.boundary import BLACK, Boundary, Lambertian, MuellerBase, make_azimuth_rule
 
 from .helpers import assert_close
-from .samples import spheroids
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 Function = Callable[..., np.ndarray]
@@ -79,22 +78,6 @@ def test_orders_are_the_integrals_of_the_reflection(kind: str) -> None:
         expected = combine(*(np.einsum("p,pioab->ioab", 2.0 * weight * w(m * phi), f) for w in (np.cos, np.sin)))
         given = orders[m] if m < len(orders) else np.zeros((2, 2, 4, 4))
         assert_close(given, expected, rtol=0.0, atol=2e-7 * max(1.0, np.abs(expected).max()))
-
-
-@pytest.mark.parametrize("algorithm", ["modes", "doubling"])
-def test_light_over_a_base_that_mixes_stokes_is_reciprocal(algorithm: str) -> None:
-    """f(mu_o, mu_i) = P f(mu_i, mu_o)^T P, P = diag(1, 1, 1, -1), as the base's own: light scattered once."""
-    low = vrte.Scene([vrte.Layer(spheroids(), 0.9, 1.0)])
-
-    def reflect(mu_i: Any, mu_o: Any, phi_deg: Any) -> np.ndarray:
-        given = (np.unique(axis, return_inverse=True) for axis in np.broadcast_arrays(mu_i, mu_o, phi_deg))
-        axes, index = zip(*given, strict=True)
-        return vrte.brdf(low, *axes, method="single-scattering").mueller[index]
-
-    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 0.3)], MuellerBase(reflect))
-    f = vrte.brdf(scene, [0.3, 0.8], [0.3, 0.8], [0.0, 50.0, 130.0], nodes=6, algorithm=algorithm).mueller
-    P = np.diag([1.0, 1.0, 1.0, -1.0])
-    assert_close(f, P @ f.transpose(1, 0, 2, 4, 3) @ P, rtol=0.0, atol=1e-12 * f.max())
 
 
 def test_below_a_semi_infinite_layer_everything_is_black() -> None:

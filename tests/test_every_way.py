@@ -246,7 +246,8 @@ def test_scenes_together_are_each_as_alone(way: str, transmission: bool) -> None
 
 @pytest.mark.parametrize("name", [name for name, each in PROBLEMS.items() if each.ends and each.scene.base is None])
 def test_light_from_below_is_that_of_the_scene_upside_down(name: str) -> None:
-    """And what gets through is the same in both directions: t(a, b) = (n'/n)^2 Q t'(b, a)^T Q."""
+    """And what gets through is the same in both directions: t(a, b) = (n'/n)^2 Q t'(b, a)^T Q. Fields as well, along
+    the directions asked for and along the nodes."""
     problem, scene = PROBLEMS[name], PROBLEMS[name].scene
     turned = vrte.Scene(scene.layers[::-1], None, [each and each.turned for each in scene.interfaces[::-1]])
     asked = problem.ask_table() | EXACT | {"mu_o": [problem.mu0, 0.35]}
@@ -258,3 +259,16 @@ def test_light_from_below_is_that_of_the_scene_upside_down(name: str) -> None:
     ratio = (scene.index_below / scene.index_above) ** 2
     back = ratio * Q[:, None] * below.transmission.transpose(1, 0, 2, 4, 3) * Q
     assert_close(down, back, rtol=0.0, atol=max(1e-12, 20.0 * problem.c) * np.abs(down).max())
+    for mu in (problem.mu, None):
+        asked = problem.ask_field() | EXACT | {"mu": mu, "tau": 0.3 * scene.thickness}
+        field = vrte.radiance(scene, **asked, illuminate="bottom")
+        asked |= {"stokes": BEAM * FLIP[0], "mu": -field.mu, "tau": 0.7 * scene.thickness}
+        right = vrte.radiance(turned, **asked)
+        assert_close(field.stokes, right.stokes * FLIP[0], rtol=0.0, atol=1e-13 * right.stokes.max())
+        pairs = [(field.flux_up, right.flux_down), (field.flux_down, right.flux_up)]
+        if right.direct_up is None:  # the beam alone, whichever way it goes
+            pairs += [(field.direct, right.direct)]
+        else:
+            pairs += [(field.direct, right.direct_up), (field.direct_up, right.direct)]
+        for found, expected in pairs:
+            assert_close(found, expected, rtol=0.0, atol=1e-13)

@@ -13,7 +13,6 @@ import pytest
 
 import vrte
 from bench.faults import FAULTS, ROOT, Fault
-from bench.tables import Configuration
 from vrte.basics.views import VIEWS, view
 
 PACKAGE = Path(vrte.__file__).parent
@@ -67,15 +66,6 @@ def test_every_room_has_a_budget() -> None:
 @pytest.mark.parametrize(("room", "budget"), BUDGETS)
 def test_rooms_keep_their_budgets(room: str, budget: str) -> None:
     assert 0 < count_lines(room) <= int(budget.replace(",", "")), "say why in docs/explanation/house.md"
-
-
-def test_the_papers_six_configurations_are_timed() -> None:
-    """Each of them is a pytest-benchmark case on Tables 2 and 3, and its ratios are saved by `make bench-save`."""
-    assert {"1", "2", "3", "4", "5", "6"} <= {each.label for each in Configuration}
-    timed = (ROOT / "bench" / "test_six_configurations.py").read_text()
-    assert 'parametrize("configuration", list(Configuration)' in timed
-    assert 'parametrize("problem", FULL_SIZE[:2]' in timed
-    assert "bench/test_six_configurations.py" in (ROOT / "Makefile").read_text()
 
 
 def test_the_core_has_a_file_a_stage() -> None:

@@ -7,7 +7,6 @@ import pytest
 
 import vrte
 from tests import exact
-from vrte.scene.boundary import Boundary
 
 from . import oracle
 from .closed_forms import airy_sum, bare_base, walsh
@@ -20,22 +19,6 @@ ANGLES = np.array([0.0, 40.0, 150.0, 250.0])
 RAYLEIGH, SHORT = vrte.rayleigh(), TURNING
 METAL, SILVER = vrte.Mirror(0.2 + 3.0j), vrte.Mirror(1e-3 + 1e3j)
 P, D = np.diag([1.0, 1.0, 1.0, -1.0]), np.diag([1.0, 1.0, -1.0, -1.0])
-
-
-def make_film(
-    index: float, albedo: float, thickness: float, base: Boundary | None = None, last: float | None = None
-) -> vrte.Scene:
-    """Scatterers under a surface, and upon another if an index below is given."""
-    stack = [vrte.Interface(1.0, index), vrte.Layer(SHORT, albedo, thickness)]
-    return vrte.Scene(stack if last is None else [*stack, vrte.Interface(index, last)], base)
-
-
-def find_totals(scene: vrte.Scene, mu0: float, **how: Any) -> tuple[float, float]:
-    """Fractions of unpolarized light that a stack upon an interface sends back and on, diffuse and as beams."""
-    f = vrte.brdf(scene, [mu0], [0.5], 0.0, **how)
-    below = vrte.radiance(scene, mu0, mu=-0.5, phi=0.0, tau=scene.thickness, side="below", **how)
-    sent_on = below.flux_down[0] / mu0 + f.direct_transmittance[0]
-    return float(f.reflectance[0] + f.specular_reflectance[0]), float(sent_on)
 
 
 @pytest.mark.parametrize(("index", "nodes"), [(1.5, 24), (1.0001, 48), (4.0, 40)])
@@ -74,18 +57,6 @@ def test_an_interface_between_like_media_is_none(index: float) -> None:
     assert np.array_equal(found[0].mueller, found[1].mueller)
     assert np.array_equal(found[0].transmission, found[1].transmission)
     assert found[0].specular is None
-
-
-@pytest.mark.parametrize("algorithm", ["doubling", pytest.param("modes", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("index", [1.0001, 1.5, 4.0, 1 / 4.0])
-def test_no_light_is_lost(index: float, algorithm: str) -> None:
-    """At albedo 1, with 6 nodes: over white, and through a plate upon another medium. Measured: 1e-13 at most."""
-    how: dict[str, Any] = {"nodes": 6, "algorithm": algorithm}
-    for thickness in (1e-6, 1.0, 1e6):
-        over = vrte.brdf(make_film(index, 1.0, thickness, vrte.Lambertian(1.0)), MU_I, [0.5], 0.0, **how)
-        assert_close(over.reflectance + over.specular_reflectance, 1.0, rtol=0.0, atol=1e-12)
-        for mu0 in (1e-3, 1.0):
-            assert abs(sum(find_totals(make_film(index, 1.0, thickness, last=1.1), mu0, **how)) - 1.0) < 1e-12
 
 
 # eradiate-mitsuba 0.5.0 (PyPI), variant scalar_mono_polarized_double: volpath (rr_depth 50) in stokes (meridian_align),
@@ -228,14 +199,6 @@ def test_brdf_surface_is_the_facets_alone() -> None:
     fade = np.exp(-0.5 / mu[:, None, None] - 0.5 / mu[:, None])[..., None, None]
     assert_close(fog.surface, fade * closed, rtol=0.0, atol=1e-14 * closed.max())
     assert (fog.mueller[..., 0, 0] > fog.surface[..., 0, 0]).all()
-
-
-def test_verify_compares_algorithms_under_surfaces() -> None:
-    layer = vrte.Layer(RAYLEIGH, 1.0, 0.5)
-    for stack in ([vrte.Interface(1.0, 1.5), layer], [layer, vrte.Interface(1.0, 1.34), layer]):
-        found = vrte.brdf(vrte.Scene(stack, vrte.Lambertian(0.5)), 0.5, [0.2, 0.7], nodes=8, verify=True).diagnostics
-        assert found["agreement"]["radiance"] < 1e-12
-        assert found["agreement"]["flux"] < 1e-12
 
 
 def test_light_on_either_side_where_nothing_scatters() -> None:

@@ -12,8 +12,6 @@ from vrte.basics.errors import SceneError
 from vrte.calls import brdfs
 from vrte.calls.brdfs import solve_side_by_side
 from vrte.calls.plan import make_request
-from vrte.cli import main
-from vrte.formats import load
 
 from .helpers import assert_close
 
@@ -212,14 +210,6 @@ def test_many_beams_are_labelled_and_drawn_beside_each_other():
     assert "0.3, 0.6, 1" in field._repr_html_()
     assert [axes.get_title() for axes in field.plot().axes[:3]] == [f"μ₀ = {mu0:g}" for mu0 in MU0]
     assert field.beam(1).plot().get_suptitle().endswith("μ₀ = 0.6")
-
-
-def test_scene_files_list_beams(tmp_path):
-    scene = tmp_path / "scene.toml"
-    layer = '[[layer]]\nphase = "rayleigh"\nalbedo = 1\nthickness = 0.5\n'
-    scene.write_text(f"nodes = 4\n{layer}[field]\nmu0 = [0.3, 0.6]\nmu = 0.5\n")
-    assert main(["field", str(scene), "-o", str(tmp_path / "out.nc")]) == 0
-    assert load(tmp_path / "out.nc").stokes.shape == (2, 1, 1, 1, 4)
 
 
 def test_light_is_light():

@@ -124,22 +124,6 @@ def test_the_thinnest_layers_scatter_once(fine: dict[str, object], thickness: fl
     assert_close(found.reflectance, once.reflectance, rtol=1e-6, atol=1e-320)
 
 
-@pytest.mark.parametrize("name", [name for name in FINE if find_method(name).semi_infinite])
-def test_isotropic_semi_infinite_layer(name: str) -> None:
-    """f = omega/(4 pi) H(mu) H(mu')/(mu + mu') on many nodes, Ambarzumian's and Chandrasekhar's 1/H = sqrt(1 - omega) +
-    omega/2 times the integral of u H(u)/(u + mu) du; every other iterate lies above, so means of two converge."""
-    points, weights = np.polynomial.legendre.leggauss(60)
-    nodes, h, mu = 0.5 * (points + 1.0), np.ones(60 + MU.size), np.append(0.5 * (points + 1.0), MU)
-    for albedo in (0.3, 0.9, 0.99):
-        for _ in range(400):
-            inner = nodes * 0.5 * weights * h[:60] / (mu[:, None] + nodes)
-            h = 0.5 * (h + 1.0 / (np.sqrt(1.0 - albedo) + 0.5 * albedo * inner.sum(axis=1)))
-        right = albedo / (4.0 * np.pi) * h[60:, None] * h[60:] / (MU[:, None] + MU)
-        scene = vrte.Scene([vrte.Layer(ISOTROPIC, albedo, np.inf)])
-        found = vrte.brdf(scene, MU, MU, nodes=24, method=name, settings=FINE[name][0])
-        assert_close(found.mueller[:, :, 0, 0, 0], right, rtol=1e-8, atol=0.0)
-
-
 def test_energy(method: Method) -> None:
     """Whether it says so or not: what conserves energy does to rounding, over a white base and without one, and what
     leaves more than that does not say so."""

@@ -149,30 +149,8 @@ def find_version(folder: Path) -> str:
     return run(sys.executable, "-m", "setuptools_scm", folder=folder).strip()
 
 
-def unpack_archive(clone: Path, folder: Path) -> Path:
-    """The zip file of a clone that a host offers, in ``folder``: without .git."""
-    folder.mkdir()
-    run("git", "archive", "--output", folder / "all.tar", "HEAD", folder=clone)
-    with tarfile.open(folder / "all.tar") as archive:
-        archive.extractall(folder, filter="data")
-    return folder
-
-
 def test_the_version_without_tags_comes_before_the_newest_section_of_the_changelog(clone: Path) -> None:
     assert re.fullmatch(rf"{re.escape(RELEASED[0])}\.dev2\+g\w+", find_version(clone))
-
-
-@pytest.mark.slow
-def test_the_version_of_shallow_clones_archives_and_tags(clone: Path) -> None:
-    run("git", "clone", "--quiet", "--depth", "1", clone.as_uri(), clone.parent / "shallow", folder=clone.parent)
-    assert re.fullmatch(r"\d+\.\d+\.\d+\.dev1\+g\w+", find_version(clone.parent / "shallow"))
-    assert re.fullmatch(r"\d+\.\d+\.\d+\.dev0", find_version(unpack_archive(clone, clone.parent / "zip")))
-    run("git", "tag", "v1.2.0", folder=clone)
-    assert find_version(clone) == find_version(unpack_archive(clone, clone.parent / "tagged")) == "1.2.0"
-    commit(clone)
-    assert re.fullmatch(r"1\.2\.1\.dev1\+g\w+", find_version(clone))
-    shutil.rmtree(clone / ".git")
-    assert re.fullmatch(r"\d+\.\d+\.\d+\.dev0", find_version(clone))
 
 
 @pytest.mark.skipif(os.name == "nt", reason="the paths of an environment differ there")

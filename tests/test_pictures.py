@@ -107,16 +107,6 @@ def test_the_mesh_of_a_lobe_is_fine_enough_for_zeros_of_the_polarization() -> No
 # ---- the mirrored beam
 
 
-def test_angles_of_cuts_are_written_inside_the_picture_and_beside_each_other() -> None:
-    figure = SEEN.plot()
-    figure.canvas.draw()
-    cuts = [axes for axes in figure.axes if axes.name == "polar"]
-    ends = [text.get_window_extent() for axes in cuts for text in axes.get_xticklabels()[::6]]
-    assert len(ends) == 4
-    assert ends[0].x0 > 0.0
-    assert ends[1].x1 < ends[2].x0
-
-
 def test_what_is_mirrored_is_told_in_words() -> None:
     assert describe_mirrored_beam(SHINY, 2) == "mirrored: 0.04"
     assert describe_mirrored_beam(SHINY, 1) == "mirrored: 0.074, degree of polarization 1"  # ((n^2 - 1)/(n^2 + 1))^2/2

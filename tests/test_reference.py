@@ -134,26 +134,6 @@ def test_every_public_name_stands_on_one_page() -> None:
     assert len(LISTED) == len(set(LISTED))
 
 
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        ("The Mueller BRDF", "Mueller\nBRDF"),
-        ("phi : float", "azimuth : float"),
-        ("transmission : bool, optional\n    Adds the BTDF; not for a semi-infinite layer.\n", ""),
-        ("    Adds the BTDF; not for a semi-infinite layer.\n", ""),
-        ("\nReturns\n-------\n", "\n"),
-        (">>> ", "    "),
-        (">>> import vrte\n", ""),
-        ("Examples\n--------\n", ""),
-        ("\nRaises\n------\n", "\nRaises SceneError.\n\n"),
-    ],
-)
-def test_a_spoilt_docstring_is_found(old: str, new: str) -> None:
-    words = inspect.getdoc(vrte.brdf) or ""
-    assert old in words
-    assert find_faults(vrte.brdf, words.replace(old, new))
-
-
 def test_names_and_pages_in_docstrings_become_links() -> None:
     spec = spec_from_file_location("docstrings", ROOT / "docs/docstrings.py")
     assert spec is not None

@@ -118,16 +118,6 @@ def test_nothing_absorbs_so_nothing_shows_in_a_furnace() -> None:
         assert np.abs(found - [1.0, 0.0, 0.0, 0.0]).max() < 2e-3
 
 
-def test_a_sphere_that_absorbs_nothing_sends_back_all_that_falls_on_it() -> None:
-    """Radiance over the disc, added up over all directions of a camera around the sun's axis."""
-    here, sky = table(rayleigh_layer(1.0, 1.5, 1.0)), make_sky("sun", [0.5], 90.0, 0.0)
-    out = 0.0
-    for cosine, weight in zip(*np.polynomial.legendre.leggauss(6), strict=True):
-        seen = view(sky, 48, place_camera(float(np.degrees(np.arcsin(cosine))), 0.0))
-        out += 2.0 * np.pi * weight * float(draw(seen, here)[:, 0] @ seen.cover.ravel()[seen.pixels[0]])
-    assert out == close_to(np.pi * (0.5 * MARGIN * 48) ** 2, rtol=3e-3, atol=0.0)
-
-
 def dipoles(light: Array, toward: Array) -> Array:
     """Coherency (3, 3) that dipoles scatter along ``toward``, k: (1 - kk) C (1 - kk), mean 1 over the sphere."""
     across = np.eye(3) - np.outer(toward, toward)

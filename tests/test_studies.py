@@ -25,7 +25,7 @@ import bench
 from bench import compare, cost, processes, tables
 from bench.processes import Child, Reply, Task
 from bench.study import Study
-from bench.tables import DEVICE, FULL_SIZE, OWN_STEPS, SMALL, STEPS, TABLE_2, TABLE_3, TOTAL, Configuration
+from bench.tables import DEVICE, FULL_SIZE, OWN_STEPS, SMALL, STEPS, TABLE_2, TOTAL, Configuration
 from vrte.basics.errors import AccuracyError, SceneError
 from vrte.basics.running import find_blas_libraries
 
@@ -129,17 +129,6 @@ def test_what_a_machine_cannot_run_is_refused_by_name(
     assert any(text.startswith(reason) for text in refused)
     assert call_study("tables", "--configurations", f"2,{reason.split()[1]}") == 2
     assert reason in capsys.readouterr().err
-
-
-def test_steps_add_up_to_totals() -> None:
-    """The paper's as printed; of our stages no time is lost between the steps."""
-    for label in tables.LABELS:
-        parts = sum(tables.SECONDS[TABLE_3, step][label] for step in STEPS)
-        assert parts == close_to(tables.SECONDS[TABLE_3, TOTAL][label], rtol=0.0, atol=0.11)
-    stages = {"planning": 1.0, "homogeneous": 2.0, "fourier sum": 4.0, "a stage to come": 8.0, "assembly": 16.0}
-    found = tables.split_into_steps(40.0, stages)
-    assert sum(found.values()) == 40.0
-    assert (found["reconstruction"], found["assembly"], found[tables.OTHER]) == (4.0, 16.0, 18.0)
 
 
 @needs_baseline

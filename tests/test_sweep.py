@@ -194,13 +194,6 @@ def test_each_scene_has_its_field(field: dict[str, Any], side: str) -> None:
             held_out(table)
 
 
-@pytest.mark.slow
-def test_fields_of_a_device_are_those_of_the_processor() -> None:
-    table, device = (vrte.sweep(fields(), engine=engine) for engine in ("threads", "opencl"))
-    for name in ("stokes", "flux_up", "flux_down", "direct"):
-        assert_close(device[name], table[name], rtol=0.0, atol=SAME * float(table[name].max()))
-
-
 BRDF = {"mu_i": [0.5, 1.0], "mu_o": [0.5, 1.0]}
 SURFACE_FIELD = {"field": {"mu0": [0.6, 1.0], "mu": [-0.5, 0.5], "tau": [0.0, 0.5]}}
 LIGHT, PLAIN = {"stokes", "flux_up", "flux_down", "direct"}, {*WITHIN}

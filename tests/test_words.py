@@ -1,6 +1,5 @@
-"""Words: the terms are the field's, and first lines of docstrings say at once what something is to a physicist."""
+"""Words: the terms are the field's."""
 
-import ast
 import re
 from pathlib import Path
 
@@ -26,11 +25,3 @@ def test_the_words_are_the_fields() -> None:
         lines = enumerate(path.read_text("utf-8").splitlines(), 1)
         found = [f"{path}:{number}: {found[0]}" for number, line in lines if (found := FORBIDDEN.search(line))]
         assert not found
-
-
-def test_first_lines_are_no_riddles() -> None:
-    """Three words at least, and nothing that only points: what it takes, the same, as above."""
-    for path in sorted(PACKAGE.rglob("*.py")):
-        for function in (node for node in ast.parse(path.read_text()).body if isinstance(node, ast.FunctionDef)):
-            if first := (ast.get_docstring(function) or "").partition("\n")[0]:
-                assert len(first.split()) >= 3, f"{path}: {function.name}: {first}"
