@@ -143,9 +143,8 @@ def _check_ends(first_um: float, last_um: float, illuminant: str, observer: int)
 
 @dataclass(frozen=True)
 class Colour:
-    """X, Y, Z, where Y of the perfect white is 100, and L*, a*, b* in a light for an observer; ``known_um``: the ends
-    [um] of the reflectance, constant beyond; ``beyond``: shares of the white's X, Y, Z below the first and above the
-    last."""
+    """X, Y, Z (Y of the perfect white is 100), L*, a*, b* in a light for an observer; ``known_um``: ends [um] of the
+    reflectance, constant beyond; ``beyond``: fractions of the white's X, Y, Z below the first and above the last."""
 
     X: float
     Y: float

@@ -42,9 +42,8 @@ USUAL = 30  # solves of a panel: what progress begins with
 
 @dataclass(frozen=True, eq=False)
 class OverLambertian:
-    """Reflectance factors (n,) of a film over a Lambertian base of any albedo A: f(A) = f(0) + u A/(1 - A r), exact
-    with polarization and surfaces. ``u``: transmittance down times that up over n^2; ``r``: reflectance of even light
-    from below."""
+    """Reflectance factors (n,) of a film over a Lambertian base of albedo A, f(A) = f(0) + u A/(1 - A r), exact. ``u``:
+    transmittance down times that up over n^2; ``r``: reflectance of even light from below."""
 
     bare: Array
     u: Array
@@ -174,8 +173,7 @@ class Drawdown:
         return find_hiding_times(self.find_contrast, self.conditions.target, self.find_luminance(math.inf, 0.0))
 
     def list_curve(self, hiding: float) -> list[float]:
-        """Thicknesses for a curve around that of the film and the one that hides: those already solved for, and more
-        where gaps are wide."""
+        """Thicknesses for a curve around the film's and the one that hides: those solved, and more in wide gaps."""
         low, high = min(1.0, hiding) / THINNER, max(1.0, hiding) * THICKER
         known = sorted({low, high, *(times for times in self.luminances if low < times < high)})
         listed = known[:1]

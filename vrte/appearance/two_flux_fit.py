@@ -101,8 +101,8 @@ class KubelkaMunk:
         return find_length(self.panel)
 
     def predict(self, length: Any, base: Any = 0.0) -> Array:
-        """The reflectance (n,) above the surface that K and S predict of a film of any thickness [um, or films] over a
-        Lambertian base."""
+        """The reflectance (n,) above the surface that K and S predict of a film [um, or films] over a Lambertian
+        base."""
         return km.add_surface(km.reflect_film(self.K, self.S, length, base), self.k1, self.k2)
 
     @cached_property

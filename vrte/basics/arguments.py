@@ -145,8 +145,7 @@ def find_kind(declared: Any) -> Kind:
 
 
 def join_kinds(parts: Sequence[Any], is_optional: bool = False) -> Kind:
-    """The kind of a union, a text among the names of files; a default of None, which stands for what is left out, is
-    taken and not named."""
+    """The kind of a union: a text among names of files; a default of None is taken and not named."""
     kinds = list(map(find_kind, parts))
     kinds = [kind for kind in kinds if kind is not KINDS[str] or PATH not in kinds]
     *first, last = dict.fromkeys(kind.words for kind in kinds if not (is_optional and kind is NONE and len(kinds) > 1))

@@ -98,8 +98,7 @@ def check_number(name: str, value: Any, low: float, high: float, allowed: str) -
 
 
 def check_fields(of: str, one: object, limits: Mapping[str, tuple[float, float, str]]) -> None:
-    """Makes numbers of a frozen dataclass floats within their limits: from, to, in words; None stays. Raises
-    SceneError."""
+    """Makes numbers of a frozen dataclass floats within their limits; None stays. Raises SceneError."""
     for name, bounds in limits.items():
         if (value := getattr(one, name)) is not None:
             object.__setattr__(one, name, check_number(f"{of}{name}", value, *bounds))

@@ -41,8 +41,7 @@ class SceneError(ValueError):
 
     @classmethod
     def of(cls, name: str, words: str) -> "SceneError":
-        """The error of one argument: ``name`` may say before a colon whose it is, "layer: albedo", and the words go on
-        the sentence."""
+        """The error of one argument; ``name`` may say before a colon whose it is: "layer: albedo"."""
         return cls(f"{name} {words}", name.rpartition(": ")[2])
 
     def behind(self, words: object) -> "SceneError":

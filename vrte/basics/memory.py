@@ -65,8 +65,7 @@ def find_machine_bytes() -> float:
 
 
 def read_groups(controller: str, *names: str) -> Iterator[list[float]]:
-    """The numbers in files of those names, joined, of every group around this process that has them all, innermost
-    first; "max" is infinite."""
+    """Numbers in files of every group around this process that has them all, innermost first; "max" is infinite."""
     try:
         lines = [line.split(":", 2) for line in OWN.read_text().splitlines()]
     except OSError:

@@ -195,10 +195,9 @@ class Panel:
 
 @dataclass(frozen=True, eq=False)
 class RefractedNodes:
-    """Directions that belong together by Snell's law, n sin(theta) = s, as nodes of several media, by ascending
-    cosines: ``highest`` (N,), the index b that bounds a node's panel from above; ``depth`` (N,), b^2 - s^2; ``measure``
-    (N,), the weight in s ds = n^2 mu dmu; a medium has the last nodes, where s < n. ``panels``: first and last + 1 node
-    of each."""
+    """Directions of several media that belong together by Snell's law, n sin(theta) = s, ascending: ``highest`` (N,),
+    index b that bounds a node's panel from above; ``depth`` (N,), b^2 - s^2; ``measure`` (N,), the weight in s ds = n^2
+    mu dmu; a medium has the last nodes, where s < n. ``panels``: first and last + 1 node."""
 
     highest: Array
     depth: Array

@@ -274,8 +274,7 @@ def wait_for(done: threading.Event, seconds: float) -> bool:
 
 
 def share_progress(progress: Progress | None, index: int, count: int, steps: int = 100) -> Progress | None:
-    """Progress of one of ``count`` equal parts of the work, reported in ``steps`` of each, whatever the part itself
-    counts."""
+    """Progress of one of ``count`` equal parts of the work, in ``steps`` of each, whatever the part counts."""
     if progress is None:
         return None
     return lambda done, total: progress(steps * index + steps * done // max(total, 1), steps * count)

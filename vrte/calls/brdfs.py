@@ -69,8 +69,7 @@ def make_alike_request(request: Request, scene: Scene) -> Request | None:
 
 
 def solve_alike_ones(requests: Sequence[Request], warned: bool, progress: Progress | None) -> dict[int, Brdf]:
-    """The BRDFs of those that can be solved with others, by their places among requests that differ in their scenes
-    alone."""
+    """The BRDFs of those that can be solved with others, by their indices; requests differ in scenes alone."""
     batches = sort_into_batches(requests)
     if not batches:
         return {}
@@ -123,8 +122,7 @@ def sort_into_batches(requests: Sequence[Request]) -> list[list[int]]:
 
 
 def solve_batch(requests: Sequence[Request], indices: list[int], run: Run) -> dict[int, Any]:
-    """Those of one batch that its plan stands for, and that came out right; others are solved by themselves, which says
-    why."""
+    """Results of one batch that its plan stands for and that passed the checks; others are solved by themselves."""
     begin, own = time.perf_counter(), replace_unchecked(run, stages={})
     asked, scenes = requests[indices[0]], [requests[index].scene for index in indices]
     plan, fits = plan_scenes(asked, scenes, own)

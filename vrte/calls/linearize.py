@@ -60,8 +60,7 @@ class Linearized:
         return f"Linearized({self.brdf!r})"
 
     def jvp(self, variation: Variation | str) -> Array:
-        """The derivative of the BRDF along a variation or a named number of the scene, (n_in, n_out, n_phi, 4, 4)
-        [1/sr] a unit."""
+        """The derivative along a variation or a named number, (n_in, n_out, n_phi, 4, 4) [1/sr] per unit."""
         variations = read_derivatives(self.request.scene, [variation])
         run, orders = make_run(self.request), count_orders_found(self.brdf.diagnostics)
         (found,) = run_interruptible(run, lambda: differentiate(self.plan, variations, run, orders=orders))

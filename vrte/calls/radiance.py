@@ -97,8 +97,7 @@ def make_field(
     derivatives: Sequence[Derivative] = (),
     alone: bool = False,
 ) -> Field:
-    """The result of a solution and its derivatives, of as many beams as were asked for, or of a beam ``alone``, without
-    their axis."""
+    """The field of a solution and its derivatives, of all beams, or of one ``alone``, without their axis."""
     warn_of_negative(request, solution.parts[0].swapaxes(0, 1)[..., 0, 0], solution.diagnostics)
     index = None
     if request.scene.keeps_beams:
@@ -132,8 +131,7 @@ def make_field(
 
 
 def gather_light(request: Request, solution: Solution) -> tuple[Array, Array, Array]:
-    """Stokes vectors (n_in, n_tau, n_mu, n_phi, 4) and fluxes up and down, (n_in, n_tau), as seen from the side that is
-    lit."""
+    """Stokes vectors (n_in, n_tau, n_mu, n_phi, 4) and fluxes up and down (n_in, n_tau), from the lit side."""
     seen = make_readonly(solution.parts[0])[..., 0].swapaxes(0, 1)
     up, down = solution.flux_up.sum(axis=-1).T, solution.flux_down.sum(axis=-1).T
     if request.illuminate == "top":

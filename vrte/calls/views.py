@@ -92,8 +92,7 @@ def views(
 
 
 def split_geometries(rows: NDArray[np.intp], geometries: Array) -> Iterator[NDArray[np.intp]]:
-    """Rows, equal ones next to each other, halved until the distinct values of each part span no too large a grid of
-    directions."""
+    """Rows, equal ones next to each other, halved until the grid of their distinct values is small enough."""
     grid = np.prod([float(np.unique(each[rows]).size) for each in geometries])
     if rows.size > 1 and grid > LARGEST_GRID:
         for half in np.array_split(rows, 2):

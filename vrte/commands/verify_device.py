@@ -42,8 +42,7 @@ ARRAYS = ("mueller", "transmission", "stokes", "flux_up", "flux_down")  # of res
 
 
 class Check(NamedTuple):
-    """A check: the largest difference over the largest light, what is allowed, and seconds; ``problem``: the error in
-    place of a difference."""
+    """Largest difference over the largest light, what is allowed, seconds; ``problem``: the error instead."""
 
     name: str
     gap: float

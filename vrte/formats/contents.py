@@ -179,8 +179,7 @@ def explain_error(error: Exception) -> str:
 
 
 def read_kind(texts: Mapping[str, str]) -> tuple[Kind, list[str]]:
-    """The kind that a file's texts name, and the names of derivatives that they list, all different. Raises
-    SceneError."""
+    """The kind that a file's texts name, and the different names of derivatives. Raises SceneError."""
     if texts.get("kind") not in KINDS:
         raise SceneError(f"it must say its kind, one of {', '.join(KINDS)}")
     names = json.loads(texts.get(NAMES, "[]"))

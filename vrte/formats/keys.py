@@ -91,8 +91,7 @@ class Fraction(Key):
 
 @dataclass(frozen=True)
 class Numbers(Key):
-    """A number, a list of numbers, or a range; ``count`` of them, or an empty list where ``may_be_empty``; ``single``:
-    one number stays one."""
+    """A number, a list or a range; ``count`` of them; ``may_be_empty``; ``single``: one number stays one."""
 
     count: int | None = field(default=None, kw_only=True)
     may_be_empty: bool = field(default=False, kw_only=True)

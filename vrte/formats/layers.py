@@ -307,8 +307,7 @@ class FilledLayer(NamedTuple):
 def make_layer(
     layer: Table, kind: str, values: dict[str, Any], kinds: Kinds, filled: list[FilledLayer]
 ) -> Layer | Interface:
-    """The layer or the interface of a table that was read; one of particles is added to those that are ``filled``.
-    Raises SceneError."""
+    """The layer or interface of a table; one of particles is added to ``filled``. Raises SceneError."""
     if kind == "interface":
         return values["interface"]
     host: Any = values.get("host_index")

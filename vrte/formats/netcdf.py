@@ -64,8 +64,7 @@ def save_netcdf(result: Result, path: PathName) -> None:
 
 
 def load_netcdf(path: PathName, most_bytes: float) -> Result:
-    """The result that `save_netcdf` wrote to ``path``, every digit as it was; ``most_bytes`` and errors as of
-    `vrte.load`."""
+    """The result that `save_netcdf` wrote, every digit as it was; ``most_bytes`` and errors as of `vrte.load`."""
     found = read_netcdf(path, ARRAYS, most_bytes)
     return restore_result(found.texts, found.arrays)
 
@@ -219,8 +218,7 @@ def read_hdf5(name: str, wanted: Collection[str] | None, most_bytes: float) -> S
 
 
 def read_attribute(holder: Any, name: str) -> str | None:
-    """The text of an attribute of an open file or dataset, None where there is none. Raises SceneError for anything
-    else."""
+    """The text of an attribute of an open file or dataset, or None. Raises SceneError for anything else."""
     import h5py
 
     if not h5py.h5a.exists(holder.id, name.encode()):
@@ -246,8 +244,7 @@ def check_netcdf(path: PathName) -> None:
 
 
 def open_dataset(file: Any, name: str) -> Any:
-    """The dataset of that name in an open `h5py.File`, if its values lie in the file itself, packed in known ways only.
-    Raises SceneError."""
+    """The dataset of an open `h5py.File`, if its values lie in the file, packed by FILTERS. Raises SceneError."""
     import h5py
 
     if file.id.links.get_info(name.encode()).type != h5py.h5l.TYPE_HARD:

@@ -143,8 +143,7 @@ def read_content(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def read_listed_wavelengths(content: dict[str, Any]) -> list[float] | None:
-    """``wavelength_um`` where it is a list or a range, for a spectrum; None where it is one number, or not there.
-    Raises SceneError."""
+    """``wavelength_um`` where it is a list or a range, else None. Raises SceneError."""
     if not isinstance(content.get("wavelength_um"), (list, dict)):
         return None
     return Table((), content, FILE_KEYS).numbers("wavelength_um")
@@ -179,8 +178,7 @@ def make_scene_file(
 
 
 def list_keys(content: Mapping[str, Any]) -> Iterator[tuple[Place, Key, Any]]:
-    """Every key of a registry that a scene file's content gives: its place (of a paint, where it is expanded), what it
-    is, and its value."""
+    """Every key of a registry that a file's content gives: its place (a paint's is expanded), key and value."""
     with suppress(SceneError):
         content = expand_paint(content)
     particles, layers = content.get("particles"), content.get("layer")

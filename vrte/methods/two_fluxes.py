@@ -106,8 +106,7 @@ def list_asymmetries(problem: Problem) -> Array:
 
 
 def convert_to_kernels(problem: Problem, orders: Sequence[Array]) -> Array:
-    """Orders (n_tau, n_in, n_out) of I for unit light as `Task.sum_orders` takes them, (order, n_tau, n_in, n_col,
-    n_out, 4)."""
+    """Orders (n_tau, n_in, n_out) of I for unit light as (order, n_tau, n_in, n_col, n_out, 4)."""
     unit = np.stack(orders)[:, :, :, None, :] * problem.columns[:, 0][:, None]
     kernels = np.zeros((*unit.shape, 4))
     kernels[..., 0] = unit

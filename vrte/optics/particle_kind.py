@@ -122,8 +122,7 @@ class ParticleKind:
         description: str,
         change: float,
     ) -> Particles:
-        """The particles of these means over sizes; warns where the last radii changed cross sections by more than a
-        hundredth."""
+        """The particles of these means over sizes; warns where the last radii changed cross sections by over 1 %."""
         if change > DOUBTFUL:
             warn_user(f"{self.words}: not converged; {description}", SizeAverageWarning)
         if not self.absorbs:  # the two sums differ by rounding, and an albedo of 1 should be exactly that

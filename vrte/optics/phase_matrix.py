@@ -162,8 +162,7 @@ class PhaseMatrix:
         return expand_table(angle_deg, columns, convention, normalise, spheres, ends, accuracy, tolerance)
 
     def to_angles(self, angle_deg: Any = None) -> "ScatteringTable":
-        """The six elements over scattering angles [degrees] (angles,), by default so many even steps that the way back
-        is exact."""
+        """The six elements over scattering angles [degrees] (angles,), by default steps of an exact quadrature."""
         from vrte.optics.angle_tables import tabulate_phase_matrix
 
         return tabulate_phase_matrix(self, angle_deg)
@@ -214,8 +213,7 @@ class PhaseMatrix:
         return view(self, "_repr_html_")
 
     def plot(self) -> "Figure":
-        """A matplotlib figure of F11, and of the other elements over it, against the scattering angle, beside the table
-        that it came from."""
+        """A matplotlib figure of F11 and of the other elements over it against the angle, beside the own table."""
         return view(self, "plot")
 
     def compute_elements(self, cosine: Array, gap: Array | None = None) -> Array:

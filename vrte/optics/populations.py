@@ -105,9 +105,8 @@ def find_cross_sections(a: Complex, b: Complex) -> Array:
 
 
 def expand_population(population: Population) -> PhaseMatrix:
-    """The phase matrix of spheres that scatter independently: with n orders the elements of F are polynomials of degree
-    2 n in the cosine, so 2 n + 1 nodes and as many terms are exact; n is rounded up, so that many spheres share
-    their angles."""
+    """The phase matrix of spheres that scatter independently: with n orders F is a polynomial of degree 2 n in the
+    cosine: 2 n + 1 nodes and terms are exact; n is rounded up, so that spheres share their angles."""
     terms = 2 * round_up(population.a.shape[1]) + 1
     return make_phase_matrix(expand_elements(partial(compute_scattering_elements, population), terms)[0])
 

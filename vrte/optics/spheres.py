@@ -50,8 +50,7 @@ SMALLEST_RATIO = 1e-6  # of the core's radius to the whole: it holds 1e-18 of th
 
 @dataclass(frozen=True)
 class Ball(ParticleKind):
-    """Spheres of one substance, or of a core in a shell: the core's radius is ``core_ratio`` times the outer one, less
-    ``shell_um``."""
+    """Spheres of one substance, or with a core of ``core_ratio`` times the radius, less ``shell_um``."""
 
     core_ratio: float = 1.0
     shell_um: float = 0.0

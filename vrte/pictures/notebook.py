@@ -38,8 +38,7 @@ MADE = ("method", "method_rule", "algorithm", "backend", "nodes", "accuracy", "a
 def show_as_html(
     title: str | Callable[[Any], str], draw: Callable[[Any], Figure | None] = lambda _: None
 ) -> Callable[[Any], Callable[[Any], str]]:
-    """Of what tells a thing's facts, a table or a text, makes what shows the thing: title, picture and facts, as far as
-    they can be made."""
+    """Makes what shows a thing from what tells its facts: title, picture and facts, as far as possible."""
 
     def show(facts: Callable[[Any], Mapping[str, str] | str], thing: Any) -> str:
         try:
@@ -86,8 +85,7 @@ def draw_short_phase_matrix(phase_matrix: PhaseMatrix) -> Figure | None:
 
 @show_as_html(lambda field: "Radiance field" if field.index is None else name_field(field), draw_field)
 def show_field(field: Field) -> dict[str, str]:
-    """A field: I and degree of polarization against mu at the first azimuth; its directions and fluxes. Of several
-    beams the first."""
+    """A field: I and degree of polarization against mu at the first azimuth; directions; of beams the first."""
     several = "" if isinstance(field.mu0, float) else f"{shorten_numbers(field.mu0)}, the first one here: μ0 = "
     field = field.beam(0) if several else field
     fluxes, media = {"up" if field.diagnostics.get("illuminate") == "bottom" else "down": field.direct}, {}

@@ -281,8 +281,7 @@ def weigh_channels(stokes: Array, observer: Array) -> Array:
 def draw_object(
     stage: Stage, samples: Samples, tables: Sequence[BrdfTable], light: SceneLight, observer: Array
 ) -> Array:
-    """One body's light as channels (pixel, 6), from all its ``samples`` and the tables of its material at the
-    wavelengths of ``light``."""
+    """A body's light as channels (pixel, 6), from its ``samples`` and its tables at the wavelengths of ``light``."""
     lookup = Lookup.between_values(tables)
     body = stage.bodies[int(samples.body[0])]
     corner = body.triangles[samples.triangle]

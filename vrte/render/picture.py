@@ -79,8 +79,7 @@ def draw_figure(renderings: Sequence[Rendering], setting: PictureSetting) -> "Fi
 def draw_sheet(
     renderings: Sequence[Rendering], setting: PictureSetting, progress: Callable[[int, int, str], None] | None = None
 ) -> "Figure":
-    """A row a material: its picture in colour, the degree of polarization, and lobes; ``progress`` is called with (rows
-    done, rows, title)."""
+    """A row a material: picture, degree of polarization, lobes; ``progress``: (rows done, rows, title)."""
     headings = ("colour", LINEAR, *(f"lobe, $\\mu_i$ = {mu_i:g}" for mu_i in LOBE_MU_I))
     lobes = f"Lobes: {1e3 * LOBE_UM:.0f} nm, unpolarized light; the bar below is their {LINEAR}"
     note = f"{lobes}. Pictures: {describe_light(setting, renderings)}"

@@ -352,9 +352,8 @@ def sample_slopes(surface: RoughSurface) -> tuple[Array, Array, Array]:
 
 
 def spread_over_facets(surface: RoughSurface, points: Points) -> tuple[Array, Array]:
-    """Directions of travel (n facets, 3) of the light that each facet at the points (n) mirrors to the camera, and
-    operators (n facets, 4, 4) from its Stokes vectors in the world's frame to their parts of the reflection, in the
-    surface's frame."""
+    """Directions of travel (n facets, 3) of light that facets at the points (n) mirror to the camera, and operators (n
+    facets, 4, 4) from its Stokes vectors in the world's frame to the surface's."""
     along, across, weight = sample_slopes(surface)
     n, facets = len(points.normal), weight.size
     facet = points.normal[:, None] - along[:, None] * points.x[:, None] - across[:, None] * points.y[:, None]

@@ -132,8 +132,7 @@ class Brdf(Result):
         return self.reflectance if self.specular is None else self.reflectance + self.specular[:, 0, 0]
 
     def as_base(self, average_mirrored: bool = False) -> TabulatedBase:
-        """The base of another stack, in the medium that the light came from; `vrte.solve_base` chooses a grid of
-        directions."""
+        """The base of another stack, in the medium of the light; `vrte.solve_base` chooses a grid of directions."""
         if self.diagnostics.get("illuminate", "top") != "top":
             raise SceneError("base: a BRDF that is lit from the bottom is no base; solve the stack upside down")
         index = self.diagnostics.get("index_outside")
@@ -162,13 +161,11 @@ class Brdf(Result):
         return found + np.einsum("oij,opj->opi", self.specular[same], falls_in[same])
 
     def diffuse_reflectance(self, weights: Any = None) -> Array:
-        """Radiance factor (n_out,) under an evenly white, unpolarized sky, mean over ``phi``, without specular
-        reflection."""
+        """Radiance factor (n_out,) under an even unpolarized sky, mean over ``phi``, no specular reflection."""
         return self.under([1.0, 0.0, 0.0, 0.0], weights)[..., 0].mean(axis=1)
 
     def bihemispherical_reflectance(self, weights: Any = None) -> float:
-        """Flux out over flux in under an evenly white, unpolarized sky, specular reflection included; any ``phi`` will
-        do."""
+        """Flux out over flux in under an even unpolarized sky, specular included; any ``phi`` will do."""
         return float(2.0 * (choose_weights(self.mu_i, weights) * self.mu_i) @ self.total_reflectance)
 
 

@@ -79,8 +79,7 @@ def light_in_plane(
 
 
 def _list_polar_angles(brdf: Brdf, step_deg: float) -> Array:
-    """Angles [degrees] from the normal, or the first mu_o far from it, to the last. Raises SceneError for too few
-    directions."""
+    """Angles [degrees] from the normal, or a first mu_o far from it, to the last. Raises SceneError if too few."""
     check_directions(brdf.mu_o, brdf.phi)
     first, last = np.degrees(np.arccos([brdf.mu_o.max(), brdf.mu_o.min()])).tolist()
     first = first if first > HOLE else 0.0

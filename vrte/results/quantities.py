@@ -67,8 +67,7 @@ def of_brdf(brdf: Brdf, name: str, stokes: Any = (1.0, 0.0, 0.0, 0.0), transmitt
 
 
 def incident_for(name: str, stokes: Any) -> Array:
-    """The Stokes vector (4,) of the incident light of irradiance 1 that shows a quantity: of a Mueller element its
-    column."""
+    """The Stokes vector (4,) of irradiance 1 that shows a quantity: of a Mueller element its column."""
     check_name(name, QUANTITIES)
     given = check_stokes_vector(stokes)
     if not given[0] > 0.0:

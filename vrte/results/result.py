@@ -16,8 +16,7 @@ if TYPE_CHECKING:
 
 
 def find_finest_nodes(found: Iterable[Any]) -> dict[str, int]:
-    """The options nodes and grading of the result on the most nodes, as its diagnostics have them; none of methods
-    without nodes."""
+    """The options nodes and grading of the result on the most nodes, by diagnostics; none without nodes."""
     finest = max((one.diagnostics for one in found), key=lambda one: one.get("nodes", 0))
     return {name: int(finest[name]) for name in ("nodes", "grading") if finest.get(name)}
 
@@ -44,9 +43,8 @@ class Labelled:
         object.__setattr__(self, "diagnostics", dict(vars(self)["diagnostics"]))
 
     def _freeze_derivatives(self, of: dict[str, str], shapes: dict[str, tuple[int, ...]]) -> None:
-        """Replaces dictionaries of derivatives, each ``of`` an array with a shape, by ones of read-only arrays; None
-        for an empty one. Raises SceneError where a shape or the names do not fit, or what is differentiated is not
-        there."""
+        """Makes dictionaries of derivatives, each ``of`` an array with a shape, read-only; None if empty. Raises
+        SceneError where a shape or the names do not fit, or what is differentiated is not there."""
         names: list[str] | None = None
         for attribute, value in of.items():
             given = getattr(self, attribute)
@@ -88,8 +86,7 @@ class Result(Labelled):
         return view(self, "plot")
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes all of the result or nothing to a file .nc (NetCDF), .csv (a table) or .zarr (a folder); `vrte.load`
-        reads it."""
+        """Writes all or nothing to .nc (NetCDF), .csv (a table) or .zarr (a folder); `vrte.load` reads it."""
         return view(self, "save", path)
 
 

@@ -129,8 +129,7 @@ def sum_pieces(sample: Sample, mu_i: Array, mu_o: Array, n_order: int, most: Arr
 
 
 def sum_piece(sample: Sample, mu_i: Array, mu_o: Array, n_order: int, first: Array, size: Array) -> tuple[Array, Array]:
-    """What pieces of azimuth (piece,), in half turns of t, add to R^m, (piece, n_order, S, S), and how far that may be
-    off, (piece,)."""
+    """What pieces of azimuth (piece,), half turns of t, add to R^m, (piece, n_order, S, S), and errors (piece,)."""
     points, weights = make_piece_rule(INTERVALS)
     fewer = np.zeros(points.size)
     fewer[::2] = make_piece_rule(INTERVALS // 2)[1]

@@ -156,8 +156,7 @@ def pass_along(interfaces: Interfaces, decay: Array, sources: Passing) -> Passin
 
 
 def find_decaying(thickness: Array, cosines: Array) -> Array:
-    """e^(-thickness/mu) of every layer along directions, (layer, n); 0 where they do not go. thickness (layer,);
-    cosines (medium, n)."""
+    """e^(-thickness/mu) of layers (layer,) along cosines (medium, n), (layer, n); 0 where light does not go."""
     inside = cosines[1:-1]
     with np.errstate(divide="ignore", invalid="ignore"):
         decay = np.exp(-thickness[:, None] / inside)
@@ -213,8 +212,7 @@ def _follow_into(scene: Scene, mu0: bytes) -> tuple[Array, Array, Passing]:
 
 
 def find_direct_light(scene: Scene, mu0: Array, depths: Depths) -> Array:
-    """What goes up and down as a beam, over the power of the beam that comes in, (n_tau, n_in, 2, 4, 4), public
-    frame."""
+    """Beams up and down over the power of the incident one, (n_tau, n_in, 2, 4, 4), public frame."""
     cosines, thickness, passing = _follow_into(scene, mu0.tobytes())
     found = np.empty((depths.interface.size, mu0.size, 2, 4, 4))
     for t, k in enumerate(depths.interface.tolist()):

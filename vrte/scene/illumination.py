@@ -45,8 +45,7 @@ def mirror_mueller(matrices: Array) -> Array:
 
 
 def check_physical(name: str, stokes: Array) -> None:
-    """Raises SceneError unless Stokes vectors (..., 4) are light: none above 1e100, I >= 0 and I^2 >= Q^2 + U^2 + V^2,
-    beyond rounding."""
+    """Raises SceneError unless Stokes vectors (..., 4) are light: I >= 0, I^2 >= Q^2 + U^2 + V^2, none above 1e100."""
     if stokes.shape == (4,):
         i, q, u, v = stokes.tolist()
         if 0.0 <= i <= LARGEST_STOKES and q * q + u * u + v * v <= i * i:  # light, without a doubt

@@ -86,8 +86,7 @@ class Interface:
         return replace(self, index_above=self.index_below, index_below=self.index_above)
 
     def put_between(self, above: float, below: float) -> "Interface | None":
-        """The same surface between media as a scene has them, of refractive indices like its own; None where nothing is
-        refracted."""
+        """The same surface between media of indices like its own; None where nothing is refracted."""
         if self.index_above == self.index_below:
             return None
         alike = (above, below) == (self.index_above, self.index_below)

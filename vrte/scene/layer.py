@@ -109,9 +109,8 @@ class Layer:
 
     @staticmethod
     def clear(thickness_um: float, host_index: Material, wavelength_um: float) -> "Layer":
-        """A layer without particles, a clear coat or a tinted one: of a geometrical thickness [um] and an index n + ik
-        with k up to 0.01 n, at a wavelength in vacuum [um]; its optical thickness is 4 pi k/wavelength times its
-        own."""
+        """A layer without particles, clear or tinted: thickness [um] and index n + ik with k up to 0.01 n at a
+        wavelength in vacuum [um]; its optical thickness is 4 pi k thickness/wavelength."""
         host = find_host_index(host_index, check_wavelength(wavelength_um))
         allowed = "a length in micrometres >= 0"
         length = check_number("layer: thickness_um", thickness_um, 0.0, LARGEST_THICKNESS, allowed)
@@ -119,8 +118,7 @@ class Layer:
 
 
 def is_fraction_needed(particles: Particles, packing: str) -> bool:
-    """Whether a layer of a given optical thickness depends on its volume fraction: the host absorbs, or packing
-    asks."""
+    """Whether a layer of given optical thickness depends on its volume fraction: absorbing host, or packing."""
     return packing != INDEPENDENT or particles.host_absorption > CLEAR_HOST
 
 

@@ -309,8 +309,7 @@ class Hapke(ScalarBase):
         super().check_formula()
 
     def compute_phase_function(self, cosine: Array) -> Array:
-        """The phase function P of a grain, its mean over the sphere 1, at the cosine of the phase angle (...), 1
-        straight back."""
+        """The phase function P of a grain, mean 1, at the cosine of the phase angle (...), 1 straight back."""
         a = self.asymmetry
         legendre = 1.0 + self.linear * cosine + self.quadratic * 0.5 * (3.0 * cosine**2 - 1.0)
         return legendre * (1.0 - a * a) / (1.0 + a * a + 2.0 * a * cosine) ** 1.5

@@ -196,9 +196,8 @@ def make_empty_layer() -> Layer:
 def sort_stack(
     stack: Sequence[Layer | Interface], has_base: bool
 ) -> tuple[tuple[Layer, ...], tuple[Interface | None, ...], tuple[int | None, ...]]:
-    """The layers of a list, and the interface above each of them and below the last, or None; between interfaces
-    without a layer, between one and a base, and above a base alone a clear one without thickness; and where in the list
-    each layer is."""
+    """The layers of a list, the interface above each and below the last, or None; a clear one without thickness where
+    interfaces or the base have none between; and where in the list each layer is."""
     clear = make_empty_layer()
     placed: list[tuple[Layer, int | None]] = []
     interfaces: list[Interface | None] = []

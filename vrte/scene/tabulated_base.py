@@ -186,9 +186,8 @@ class TabulatedBase(Boundary):
         return self.specular is not None and bool(self.specular.any())
 
     def weigh(self, mu_i: Array, mu_o: Array) -> tuple[Array, Array]:
-        """Weights that the table's cosines have in f at positive cosines mu_i (n_in,) and mu_o (n_out,), of even and
-        odd Fourier orders: (2, n_in, rows) and (2, n_out, columns). Below the table's smallest cosine, they are those
-        of that."""
+        """Weights of the table's cosines in f at positive mu_i (n_in,) and mu_o (n_out,), of even and odd Fourier
+        orders: (2, n_in, rows), (2, n_out, columns); below the smallest cosine as there."""
         return weigh_cosines(self._cosines[0], mu_i), weigh_cosines(self._cosines[1], mu_o)
 
     def reflectance(self, mu_i: Any, points: int = 64) -> Array:

@@ -45,8 +45,7 @@ Solve = Callable[[Sequence[Question]], list[Outcome]]
 
 @dataclass(frozen=True)
 class Shared:
-    """One kind of particle that scenes share, the place in the grid of one such scene, and the index of the wavelength
-    of an appearance."""
+    """A kind of particle that scenes share, the index of one such scene, and of an appearance's wavelength."""
 
     particles: str
     place: tuple[int, ...]

@@ -27,9 +27,8 @@ ENGINES = ("threads", "dask", "opencl")
 
 
 def perform_on_threads(work: Work, jobs: Iterable[Job], count: int, cores: int) -> Iterator[int]:
-    """Does ``count`` jobs on so many cores of this process, each thread one after another; a scene begun when few
-    threads are left gets several cores, for its Fourier orders. An interrupt stops the compiled loops: unfinished
-    chunks are lost."""
+    """Does ``count`` jobs on so many cores of this process; a scene begun when few threads are left gets several cores,
+    for its Fourier orders. An interrupt stops the compiled loops: unfinished chunks are lost."""
     workers = max(1, min(cores, count))
     stop = np.zeros(1, np.int32)
     busy = [workers]
@@ -124,9 +123,8 @@ def perform_on_cluster(
 
 @contextmanager
 def start_own_cluster(work: Work, workers: int) -> Iterator[Any]:
-    """A connection to so many processes of one thread on this machine, for us alone: all is encrypted, with a
-    certificate that this process makes and gives to its workers, and on loopback. Raises MissingExtraError,
-    SweepError."""
+    """A connection to so many processes of one thread on this machine, for us alone: encrypted by a certificate that
+    this process makes for its workers, on loopback. Raises MissingExtraError, SweepError."""
     import dask
     from distributed import Client, LocalCluster, Security
 

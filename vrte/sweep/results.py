@@ -91,8 +91,7 @@ def make_result(request: Request, directions: Array, solution: Solution) -> Brdf
 
 
 def describe_results(file: SceneFile, roughnesses: set[float], has_rough_interfaces: bool = False) -> Results:
-    """The results of a sweep by its first scene, whose particles nobody needs to know yet, and by the roughnesses of
-    the surfaces of all."""
+    """The results of a sweep by its first scene, without its particles, and all scenes' roughnesses."""
     if file.kind == "brdf":
         request = make_scene_request(file)
         assert request.mu is not None

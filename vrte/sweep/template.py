@@ -84,8 +84,7 @@ class SweepAxis:
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """A template, the content of a scene file for `vrte brdf` or `vrte field`, or with a table [appearance], in
-    ``folder``, and its axes."""
+    """A template, the content of a scene file or with a table [appearance], in ``folder``, and its axes."""
 
     template: dict[str, Any]
     axes: tuple[SweepAxis, ...]

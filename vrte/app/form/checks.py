@@ -162,8 +162,7 @@ def check(content: Content, folder: Path = Path(), tables: frozenset[str] = froz
 
 
 def keep_one_term(layer: Any) -> Any:
-    """The layer with one term of a Henyey-Greenstein phase function that may have all of its own: to add up 1e5 of
-    them takes two seconds."""
+    """The layer with one term of a Henyey-Greenstein function that may have all of its own: 1e5 of them take 2 s."""
     phase = layer.get("phase") if isinstance(layer, dict) else None
     g: Any = phase.get("henyey_greenstein") if isinstance(phase, dict) else None
     if phase is None or not is_number(g):

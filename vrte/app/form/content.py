@@ -211,8 +211,7 @@ def get_substance(kind: Content) -> Any:
 
 
 def name_after(content: Content, name: str, before: Any) -> None:
-    """Calls a kind after its substance, "Au" of main/Au/Johnson, where it was called after the one ``before``, and not
-    by hand."""
+    """Calls a kind after its substance, "Au" of main/Au/Johnson, where its name followed the substance ``before``."""
     index = get_substance(content["particles"][name])
     wanted, first = (
         one if one in MATERIALS else one.split("/")[1] if one.count("/") == 2 else ""
@@ -299,8 +298,7 @@ def add_layer(content: Content) -> None:
 
 
 def insert_layer(layers: list[Content], place: int, layer: Content) -> None:
-    """Puts a layer in; a semi-infinite one above it gets an end. Raises SceneError where there are as many as a page
-    shows."""
+    """Puts a layer in; a semi-infinite one above it gets an end. Raises SceneError beyond MOST_LAYERS."""
     if len(layers) >= MOST_LAYERS:
         raise SceneError(f"layer: the page shows at most {MOST_LAYERS} layers; `vrte brdf` takes more")
     if place and layers[-1].get("thickness") == math.inf:

@@ -32,8 +32,7 @@ LOOKS = {  # what is chosen, and how wide that is [pixels]
 
 
 class AppearancePanel:
-    """Sliders over the form's numbers, and the colours, gloss and hiding that follow from them; ``results`` is the
-    panel whose tab this is."""
+    """Sliders over the form's numbers, and colours, gloss and hiding that follow; ``results``: the panel around it."""
 
     def __init__(self, results: Any) -> None:
         self.results, self.session, self.view = results, results.session, results.view

@@ -178,8 +178,7 @@ def serve(sessions: TabSessions, host: str, port: int, browser: bool, say: Calla
 
 @contextmanager
 def make_opening_page(address: str) -> Iterator[Path]:
-    """A file for the browser to open, which nobody else can read: others see what it was called with, and the address
-    holds the token."""
+    """A file for the browser to open, readable by this user alone: the address in it holds the token."""
     with tempfile.TemporaryDirectory(prefix="vrte-view-") as folder:
         page = Path(folder) / "open.html"
         page.touch(mode=0o600)

@@ -121,8 +121,7 @@ class AppearanceAnswerer:
     def answer(
         self, exchange: Exchange, content: Content, folder: Path, viewing: Conditions, before: CardSpectra | None
     ) -> Appeared:
-        """Colours, gloss and hiding of a scene; colours alone are reported first, before them coarse ones where they
-        take long."""
+        """Colours, gloss and hiding of a scene; colours alone are reported first, coarse ones before them if slow."""
         begin = time.perf_counter()
         import_colour_science()
         content = {key: value for key, value in content.items() if key not in LEFT_OUT}

@@ -36,8 +36,7 @@ TENSOR_UM = 0.45, 0.5, 0.55, 0.6, 0.65
 
 
 class Uploads:
-    """The ``names`` of the tables that a tab's scene may name, in ``folder``; those put in are in ``own``, with their
-    bytes' number."""
+    """The ``names`` of tables that a tab's scene may name, in ``folder``; ``own``: bytes of those put in."""
 
     def __init__(self, folder: Path = Path(), names: Collection[str] = ()) -> None:
         self.folder, self.names = folder, frozenset(names)
@@ -136,8 +135,7 @@ def read_bytes(data: bytes, suffix: str, read: Callable[[Path], Found]) -> Found
 
 
 def make_result_download(kind: str, outcome: Outcome, suffix: str, which: int = 0) -> tuple[str, bytes]:
-    """Name and bytes of the "brdf" at all wavelengths or the "field" at one, ``suffix`` ".nc" or ".csv". Raises
-    SceneError without one."""
+    """Name and bytes of the "brdf" at all wavelengths or the "field" at one. Raises SceneError without one."""
     found: Any = outcome.brdfs if kind == "brdf" else outcome.fields[which : which + 1]
     if not found and kind == "brdf":
         raise SceneError("there is no BRDF to download: solve a scene, or open a file that holds one")

@@ -114,8 +114,7 @@ def look_at_part(exchange: Exchange, content: Content, folder: Path, place: Plac
 
 
 def list_phase_matrices(content: Content, scene: Scene) -> dict[str, PhaseMatrix]:
-    """Phase matrices by what the layers hold, in words, without the non-scattering ones that a scene puts between
-    interfaces."""
+    """Phase matrices by what the layers hold, in words, without the non-scattering ones between interfaces."""
     tables = content["layer"]
     called = zip(form.name_layers(tables), tables, strict=True)
     names = [f"{name}: {describe_filling(one)}" for name, one in called if not form.is_interface(one)]

@@ -109,8 +109,7 @@ def describe_unseen(share: float) -> str:
 
 
 def refine(requests: Sequence[Request], solve: Solve) -> list[Answer]:
-    """The answers to requests without nodes, each to its accuracy; ``solve`` takes requests on nodes, several at a
-    time."""
+    """The answers to requests without nodes, each to its accuracy; ``solve`` takes several on nodes at once."""
     ways = [refine_one(request) for request in requests]
     asked = {index: next(way) for index, way in enumerate(ways)}
     found: dict[int, Answer] = {}

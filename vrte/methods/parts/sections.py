@@ -69,8 +69,7 @@ def find_panel_scale(problems: Iterable[Problem]) -> float:
 
 
 class Paths:
-    """Light of a source carried along the cosines (r,) of some rows through all panels of ``size`` (panel,),
-    (2:25)-(2:26)."""
+    """Light carried along the cosines (r,) of some rows through panels of ``size`` (panel,), (2:25)-(2:26)."""
 
     def __init__(self, cosines: Array, size: Array) -> None:
         z = size[:, None] / cosines
@@ -223,8 +222,7 @@ class Sections:
             self.panels = panels.stop
 
     def carry(self, made: dict[int, tuple[Array, Faces]], from_base: Array) -> Light:
-        """Light that sets out in the sections, at Gauss points and faces, and at the base, on its way through all
-        interfaces."""
+        """Light from sources in sections, at Gauss points and faces, and at the base, through all interfaces."""
         count, (n, b) = self.interfaces.above.shape[0], from_base.shape
         sources = Passing(*np.zeros((4, count, n, b)))
         points = np.zeros((2, self.panels, POINTS, n, b))

@@ -111,8 +111,7 @@ class OnNodes:
         return Scattered(self.put_in_weights(ahead), self.put_in_weights(back))
 
     def put_in_weights(self, matrices: Array) -> Array:
-        """(r, c) from Mueller matrices (row, node or beam, 4, 4): quadrature weights of nodes, Stokes vectors of
-        beams."""
+        """(r, c) from Mueller matrices (row, node or beam, 4, 4): weights of nodes, Stokes vectors of beams."""
         problem, n_node, members = self.problem, self.problem.nodes.size, list(self.problem.stokes)
         matrices = matrices[..., members, :][..., members]
         on_nodes = matrices[:, :n_node] * problem.weights[:, None, None]
@@ -250,9 +249,8 @@ def solve_by_slabs(task: Task, build: Builder, stage: str) -> Answer:
 
 
 def join_slabs(task: Task, respond: Responder) -> tuple[Array, Fluxes]:
-    """Light of all Fourier orders and the fluxes of order 0: slabs as ``respond`` finds them, added as in (2:8);
-    interfaces, mirrors and the base as slabs without thickness. Raises AccuracyError where the joined slabs leave too
-    large a residual."""
+    """Light of all Fourier orders and fluxes of order 0: slabs as ``respond`` finds them, added as in (2:8); interfaces
+    and the base are slabs without thickness. Raises AccuracyError for too large a residual."""
     problem, run = connect_media(task.request, task.problem), task.run
     route = Refracting(respond, problem, task.request.scene.below, problem.coefficients.shape[1], DEFAULT_ACCURACY)
     if task.problem.media is None:
@@ -357,8 +355,7 @@ def grow_slab(on_nodes: OnNodes, scattered: Scattered, tau: float, rtol: float, 
 def take_step(
     on_nodes: OnNodes, scattered: Scattered, done: float, step: float, both: Array, rtol: float, count: dict[str, int]
 ) -> tuple[Array, float]:
-    """R and T after a step, (2, r, c), and the estimated error over the allowed one; infinite where sweeps do not
-    converge."""
+    """R and T after a step, (2, r, c), and error over tolerance; infinite where sweeps do not converge."""
     ways, decays = compute_step_weights(on_nodes, step)
     unscattered = np.exp(-(done + step * find_gauss_depths(STEP_POINTS)[:, None]) / on_nodes.rows)
     start = both[:, None] * decays  # (R or T, point + 1, r, c)
