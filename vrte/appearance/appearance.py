@@ -31,8 +31,7 @@ VISUAL = "45:0"  # the default: the surface's mirror image is left out
 
 
 class InstrumentReading(NamedTuple):
-    """A number that an instrument reads: its quantity, geometry ("45:0"), wavelength [um] or None, value and unit ("1"
-    for none), definition and standard."""
+    """A number that an instrument reads: quantity, geometry ("45:0"), wavelength [um], value, unit, definition."""
 
     quantity: str
     geometry: str
@@ -85,8 +84,7 @@ class Appearance:
         return f"Appearance({', '.join(self.reflectances)} at {which}, {self.illuminant}/{self.observer})"
 
     def reflectance(self, geometry: str = VISUAL) -> Array:
-        """The reflectance factor (n,), 1 for the perfect white diffuser, in one of the geometries of ``reflectances``,
-        or in one that reads the same, light and eye exchanged."""
+        """The reflectance factor (n,) in a geometry of ``reflectances``, or in one with light and eye exchanged."""
         wanted = read_geometry(geometry).reading
         for name, values in self.reflectances.items():
             if read_geometry(name).reading == wanted:

@@ -280,8 +280,7 @@ def _make_colour(xyz: Any, illuminant: str, observer: int, known_um: Any, beyond
 
 @lru_cache(maxsize=256)
 def balance_for_screen(white: bytes) -> Array:
-    """(3, 3): XYZ in a light whose white has these X, Y, Z, Y = 1, to linear sRGB, with the light's white at the
-    screen's (von Kries' way, CAT02)."""
+    """(3, 3): XYZ in a light whose white is (X, 1, Z) to linear sRGB, its white at the screen's (CAT02)."""
     colour = import_colour_science()
     from colour.adaptation import matrix_chromatic_adaptation_VonKries
 

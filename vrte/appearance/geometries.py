@@ -220,8 +220,7 @@ def find_reflectance(
 def leave_out_port(
     seen: Seen, geometry: Geometry, index: int, surface: Sequence[Interface | None], port_deg: float
 ) -> Array:
-    """Hemispherical reflectance factors (wavelength,) of the incident direction of an ``index`` without what goes out
-    of a round port around the mirrored beam."""
+    """Hemispherical reflectance factors (wavelength,) of an ``index`` without a port around the mirrored beam."""
     check_number("port_deg", port_deg, 0.001, 60.0, "from 0.001 to 60, the full angle of a port [degrees]")
     assert geometry.angle_i is not None
     mu_i, there = float(seen.mu_i[index]), pick_light(seen, geometry)[:, 0]

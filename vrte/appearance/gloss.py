@@ -108,8 +108,7 @@ def find_surface_gloss(surface: Interface, angle_deg: float = 60.0) -> float:
 
 
 def split_light(brdf: Brdf, surface: Interface | None, angle_deg: float) -> tuple[float, float, float]:
-    """Light in the receptor over that of the black glass: what is mirrored by beams and the rough surface on top; the
-    rest; and by how much two quadratures of the rest differ."""
+    """Light in the receptor over the black glass's: mirrored; the rest; the error of the rest's quadrature."""
     alone = 0.0 if surface is None else 0.01 * find_surface_gloss(surface, angle_deg)  # refuses what is not in air
     receptor, mu = RECEPTORS[angle_deg], math.cos(math.radians(angle_deg))
     glass = collect_mirrored(BLACK_GLASS, mu, receptor)

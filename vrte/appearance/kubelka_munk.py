@@ -67,9 +67,8 @@ def find_coefficients(over_black: Any, over_base: Any, base: Any, length: Any) -
 
 
 def find_slab_coefficients(alone: Any, through: Any, length: Any) -> tuple[Array, Array]:
-    """K and S [1/unit of ``length``] from reflectance r and transmittance t without a base: with h = tanh(kappa
-    X/2)/kappa, (1 - r - t)/(1 + r + t) = K h and (1 + r - t)/(1 - r + t) = (K + 2 S) h, of light on both sides alike or
-    opposite. Raises SceneError where no film has them."""
+    """K and S [1/unit of ``length``] from r and t without a base: with h = tanh(kappa X/2)/kappa, (1 - r - t)/(1 + r +
+    t) = K h and (1 + r - t)/(1 - r + t) = (K + 2 S) h. Raises SceneError where no film has them."""
     r, t, x = check_share("alone", alone), check_share("through", through), check_numbers("length", length)
     complain(~((x > 0.0) & np.isfinite(x)), "length", "must be above 0 and finite", x)
     r, t, x = np.broadcast_arrays(r, t, x)

@@ -37,9 +37,8 @@ FIXED = ("mu_i", "mu_o", "phi", "illuminate", "transmission", "threads", "progre
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """Scenes at ascending wavelengths in vacuum (n,), lit from above; ``lengths_um`` of the layers [um], None where
-    only the optical thickness is given; ``asked``: how to solve, as for `vrte.brdf`; ``layer``: which is the film, from
-    1, None for the only one that scatters."""
+    """Scenes at ascending wavelengths in vacuum (n,), lit from above; ``lengths_um`` of layers, or None; ``asked``:
+    keywords of `vrte.brdf`; ``layer``: the film, from 1, None for the only one that scatters."""
 
     wavelength_um: Array
     scenes: tuple[Scene, ...]
@@ -146,8 +145,7 @@ class Panel:
         return Spectrum(self.wavelength_um, self.solve_as("brdf", progress, mu_i=mu_i, mu_o=mu_o, phi=phi))
 
     def light(self, mu_i: Any, mu_o: Any = (), phi: Any = 0.0, progress: Progress | None = None) -> tuple[Field, ...]:
-        """The field above the panel of unpolarized beams at each wavelength; without mu_o of fluxes alone, which take
-        one Fourier order; as `solve_as` solves them."""
+        """The field of unpolarized beams at each wavelength; without mu_o its fluxes, of one Fourier order."""
         return self.solve_as("radiance", progress, mu0=np.atleast_1d(mu_i), mu=list(np.atleast_1d(mu_o)), phi=phi)
 
     def solve_as(self, kind: str, progress: Progress | None = None, **directions: Any) -> tuple[Any, ...]:

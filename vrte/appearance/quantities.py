@@ -18,8 +18,7 @@ from vrte.basics.errors import SceneError
 
 @dataclass(eq=False)
 class Readings:
-    """What is read off a panel under some conditions, each part found when it is first asked for, and kept; ``names``
-    of all quantities that will be."""
+    """What is read off a panel under some conditions, found when asked for; ``names`` of all that will be."""
 
     panel: Panel
     conditions: Conditions

@@ -37,8 +37,7 @@ FINE = 64  # nodes of the means of R and T of a surface
 
 @dataclass(frozen=True, eq=False)
 class TwoFluxErrors:
-    """Reflectances over black and over white (2, m, n), ``exact`` and ``predicted`` by K and S, of films of ``lengths``
-    (m,) in their ``unit`` at ``wavelength_um`` (n,)."""
+    """Reflectances over black and white (2, m, n), ``exact`` and by K and S, of films of ``lengths`` (m,)."""
 
     lengths: Array
     wavelength_um: Array
@@ -71,9 +70,8 @@ class TwoFluxErrors:
 
 @dataclass(frozen=True, eq=False)
 class KubelkaMunk:
-    """K and S (n,) [``unit``] of a film over a ``white`` base, and of its surface what it mirrors of light that falls
-    in, ``k1`` (n,), and sends back of light that comes up, ``k2`` (n,): the mean of ``k2_over`` (2, n) black and white;
-    ``k2_even`` (n,) of even light."""
+    """K and S (n,) [``unit``] of a film over a ``white`` base; its surface mirrors ``k1`` (n,) and sends back ``k2``
+    (n,), the mean of ``k2_over`` (2, n) black and white; ``k2_even`` (n,) of even light."""
 
     panel: Panel
     geometry: Geometry
@@ -107,8 +105,7 @@ class KubelkaMunk:
 
     @cached_property
     def transport(self) -> tuple[Array, Array]:
-        """(1 - albedo) and albedo (1 - g) times the film's extinction: its absorption and reduced scattering
-        coefficients, (n,) each, in the unit of K and S."""
+        """(1 - albedo) and albedo (1 - g) times the film's extinction, (n,) each, in the unit of K and S."""
         films = [scene.layers[self.panel.film] for scene in self.panel.scenes]
         extinction = np.array([film.thickness for film in films]) / self.length
         albedo = np.array([film.albedo for film in films])
@@ -132,8 +129,7 @@ class KubelkaMunk:
         return absorbing, turning
 
     def compare(self, lengths: Any, progress: Progress | None = None) -> TwoFluxErrors:
-        """The panel solved exactly with films of other thicknesses (m,) [um, or films], beside what K and S predict;
-        math.inf is semi-infinite. Raises SceneError."""
+        """Films of other thicknesses (m,) [um, or films] solved exactly, beside K and S. Raises SceneError."""
         wanted = np.atleast_1d(check_numbers("lengths", lengths))
         exact = np.empty((2, wanted.size, self.wavelength_um.size))
         for index, length in enumerate(wanted):

@@ -49,9 +49,8 @@ def sample_around(
     step: float,
     stencils: tuple[Mapping[int, float], Mapping[int, float]] = FIVE_POINTS,
 ) -> list[tuple[float, Item]]:
-    """Weights and what ``make`` makes of numbers around ``value``: the weighted sum is the derivative, to the fourth
-    order of the step, rounded to a power of 2, or by SEVEN_POINTS to the sixth order of the step as it is. Raises the
-    first SceneError where neither side has room."""
+    """Weights and what ``make`` makes of numbers around ``value``: their sum is the derivative, to fourth order of the
+    step, or to sixth by SEVEN_POINTS. Raises the first SceneError if neither side has room."""
     central, one_sided = stencils
     step = round_step(step) if stencils is FIVE_POINTS else step
     refused: SceneError | None = None

@@ -28,8 +28,7 @@ def find_degree_of_circular_polarization(stokes: Any) -> Array:
 
 
 def find_angle_of_linear_polarization(stokes: Any) -> Array:
-    """Half the argument of Q + iU, in degrees from 0 (within the meridian plane) to below 180; NaN where nothing is
-    linearly polarized: (...)."""
+    """Half the argument of Q + iU [degrees], from 0 (meridian plane) to below 180; NaN without it: (...)."""
     values = np.asarray(stokes, float)
     q, u = values[..., 1], values[..., 2]
     angle = np.degrees(0.5 * np.arctan2(u, q)) % 180.0

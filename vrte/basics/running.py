@@ -133,8 +133,7 @@ class Run:
             helpers.shutdown()
 
     def timed(self, name: str, wait: Callable[[], object] | None = None) -> "Timed":
-        """Threads for one loop of `_core`; what is done within it is timed under `name`, what ``wait`` waits for at the
-        end included. KeyboardInterrupt where it was stopped."""
+        """Threads for one loop of `_core`, timed under `name`, ``wait`` included. Raises KeyboardInterrupt."""
         return Timed(self, name, wait)
 
     def record(self, name: str, wall: float, busy: float | None = None) -> None:
@@ -228,8 +227,7 @@ def is_left_working() -> bool:
 def run_jobs(
     run: Run, jobs: Sequence[Callable[[Run], Result]], report: Callable[[int], None] = lambda done: None
 ) -> list[Result]:
-    """What each job finds: done side by side by the threads of a run, each of them on one, the first ones first.
-    report(k) is called in this thread when k jobs are done."""
+    """What jobs find, side by side on the threads of a run; report(k) is called in this thread after k of them."""
     workers = min(run.threads, len(jobs))
     found: list[Any] = [None] * len(jobs)
     failed: dict[int, BaseException] = {}

@@ -32,8 +32,7 @@ def compute_coefficients(grids: tuple[Array, ...], values: Array, degree: int = 
 
 
 def make_spline_matrix(grids: tuple[Array, ...], points: tuple[Array, ...], degree: int = DEGREE) -> Any:
-    """The sparse matrix (n, n_1 n_2 ...) that takes flattened coefficients to the points, one coordinate (n,) a grid;
-    points beyond a grid are taken at its end."""
+    """The sparse matrix (n, n_1 n_2 ...) from coefficients to points (n,) a grid; beyond a grid its end counts."""
     from scipy.interpolate import NdBSpline, make_interp_spline
     from scipy.sparse import csr_array
 
@@ -48,8 +47,7 @@ def make_spline_matrix(grids: tuple[Array, ...], points: tuple[Array, ...], degr
 
 
 def compute_weights(grid: Array, points: Array, degree: int = DEGREE) -> Array:
-    """The weight (points, n) of each value on a grid (n,) at the points; one polynomial goes through all values where
-    they are no more than its degree needs."""
+    """The weight (points, n) of each value on a grid (n,); one polynomial through few values."""
     coefficients = compute_coefficients((grid,), np.eye(grid.size), degree)
     return make_spline_matrix((grid,), (points,), degree) @ coefficients
 
@@ -73,8 +71,7 @@ def repeat_grid(
 
 
 def mirror_azimuths(phi: Array) -> tuple[Array, NDArray[np.intp]]:
-    """Ascending azimuths [degrees] of ``phi`` (n,) and its mirror images, from 0 to below 360, and where each is in the
-    two one after the other."""
+    """Ascending azimuths [degrees] of ``phi`` (n,) and its mirror images, and where each is in both together."""
     found, indices = np.unique(np.round(np.concatenate([phi, -phi]) % 360.0, 9) % 360.0, return_index=True)
     return found, indices
 
@@ -107,8 +104,7 @@ def extend_over_horizon(s: Array, values: Array, axis: int = 0, margin: int = MA
 
 
 def stretch_cosines(mu: Array) -> Array:
-    """s from 0 at the normal to 1 at the horizon, theta = 90 degrees sin(pi s/2): as good as theta at the normal, as
-    the root of the cosine at the horizon."""
+    """s from 0 at the normal to 1 at the horizon, theta = 90 degrees sin(pi s/2): smooth at both ends."""
     return np.arcsin(np.minimum(np.arccos(mu) / (0.5 * np.pi), 1.0)) / (0.5 * np.pi)
 
 

@@ -403,8 +403,7 @@ def solve_brdfs(
     warned: bool | None = None,
     variations: Sequence[Sequence[Variation]] = (),
 ) -> list[Brdf]:
-    """Of requests with their methods named; ``warned``: whether it was said that they take long, None where nobody
-    looked; ``variations`` of each, to differentiate with."""
+    """The BRDFs of requests; ``warned`` of their time, None: not yet predicted; ``variations`` of each."""
     variations = variations or [()] * len(requests)
     count = len(requests)
     if not requests:

@@ -61,8 +61,7 @@ def differentiate_beams(
 
 
 def sample_scenes(request: Request, variation: Variation, beams: bool = False) -> list[tuple[float, Scene]]:
-    """Weights and scenes, as the request's light meets them, whose weighted light, or its ``beams``, is the derivative.
-    Raises SceneError where a bound is on either side."""
+    """Weights and scenes whose weighted light, or ``beams``, is the derivative. Raises SceneError at bounds."""
     if request.illuminate == "bottom":
         variation = turn_variation(variation)
     # steps are those of the number itself where ingredients do not say all, and of facets, whose lobes are averaged
@@ -103,8 +102,7 @@ def plan_batch(plan: Plan, scene: Scene, run: Run) -> Plan:
 
 
 def place_request(request: Request, scene: Scene) -> Request:
-    """The same asked of another scene, whose layers may have other thicknesses: depths at faces of layers stay there,
-    all others stay where they are below the top of all."""
+    """The same asked of a scene of other thicknesses: depths at faces stay there, others below the top of all."""
     given, now = (np.array([layer.thickness for layer in one.layers]) for one in (request.scene, scene))
     tau = request.tau
     if request.kind == "brdf":
@@ -265,8 +263,7 @@ def count_orders_found(diagnostics: Mapping[str, Any]) -> int:
 def differentiate(
     plan: Plan, variations: Sequence[Variation], run: Run, progress: Progress | None = None, orders: int | None = None
 ) -> list[Derivative]:
-    """The derivatives of a plan's solution, by the algebra of slabs where it has them, else by differences;
-    ``orders``: how many the solution took."""
+    """Derivatives of a plan's solution, by the algebra of slabs or by differences; ``orders``: of the solution."""
     ways = plan_derivatives(plan, variations)
     how = {one: way.how for one, way in zip(variations, ways, strict=True)}
     exact = [one for one in variations if how[one] == ALGEBRA]

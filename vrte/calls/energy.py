@@ -71,8 +71,7 @@ def list_notes(request: Request, net: Array) -> list[str]:
 
 
 def balances_at_top(request: Request, net: Array, allowed: float) -> bool:
-    """Whether all is well where the net flux is known at the top alone: a first look that takes less time. No more is
-    lost than layers absorb, and no column gains."""
+    """Whether the net flux at the top alone shows a balance: layers absorb what is lost, and no column gains."""
     absorbs = any([layer.albedo < 1.0 and layer.thickness > 0.0 for layer in request.scene.layers])
     if request.tau.size > 1 or request.tau[0] != 0.0 or not absorbs:
         return False

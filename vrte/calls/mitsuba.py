@@ -105,8 +105,7 @@ def write_table(
     progress: Progress | None = None,
     **asked: Any,
 ) -> tuple[Errors, list[str]]:
-    """Solves scenes for a table and writes it, ``nested`` with a scene file beside it; how far the table is off, and
-    notes on it in words. Raises as `to_mitsuba` does."""
+    """Solves scenes for a table and writes it, ``nested`` with a scene file; its errors, and notes on them."""
     surface = None
     if nested:
         surface, files = take_off_surface(files)

@@ -111,8 +111,7 @@ def prepare_scenes(
 def vary_files(
     scene: Source, wavelengths: Array, derivatives: str | Sequence[str] | None, folder: str | os.PathLike[str] = "."
 ) -> list[list[Variation]]:
-    """How the scene of a file changes with numbers of these names at each wavelength; nothing where there are none.
-    Raises SceneError, which names the wavelength."""
+    """Variations of a file's scene with these numbers at each wavelength, if any. Raises SceneError."""
     if derivatives is None:
         return []
     names = [derivatives] if isinstance(derivatives, str) else derivatives

@@ -211,8 +211,7 @@ def carry_out(options: argparse.Namespace) -> None:
 
 
 def check_output(path: Path, *suffixes: str, source: Path | None = None) -> None:
-    """Whether a file can be written there, of any suffix or of these, before the work is done; ``source`` is the file
-    that is read. Raises SceneError, MissingExtraError."""
+    """Whether a file of these suffixes can be written, before the work. Raises SceneError, MissingExtraError."""
     from vrte.formats.result_file import METADATA
 
     if suffixes and path.suffix.lower() not in suffixes:
@@ -258,8 +257,7 @@ def say_written(path: Path) -> None:
 
 @contextmanager
 def label_errors(path: Path, reading: bool = False) -> Iterator[None]:
-    """Complaints about a scene file, or what it asks for, with its name in front; ``reading``: also that it or a file
-    that it names cannot be read. Raises SceneError."""
+    """Complaints about a scene file with its name in front; ``reading``: also of files that cannot be read."""
     try:
         yield
     except SceneError as error:

@@ -122,8 +122,7 @@ def describe_agreement(found: dict[str, Any]) -> str:
 
 
 def print_times(clock: dict[str, dict[str, float]], result: Result) -> None:
-    """A table of wall seconds of what was done, by name, and of seconds summed over the threads for the stages of the
-    solver, those of all wavelengths added up."""
+    """A table of wall seconds by name, and of thread seconds of the solver's stages, all wavelengths added up."""
     stages = Run(1)
     for one in result if isinstance(result, Spectrum) else [result]:
         for stage, took in one.diagnostics["stages"].items():

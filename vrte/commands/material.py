@@ -65,8 +65,7 @@ def read_range(text: str) -> list[float]:
 
 
 def check(options: argparse.Namespace) -> None:
-    """Notes where the wavelengths are, ``at``, and whether the material is a ``ready`` one; whether the options go
-    together. Raises SceneError."""
+    """Notes the wavelengths, ``at``, and whether the material is ``ready``. Raises SceneError for bad options."""
     one = [] if options.wavelength_um is None else [options.wavelength_um]
     name, at = options.name, options.wavelengths_um or options.range_um or one
     ready = name is not None and (name.endswith(SUFFIX) or find_material(name) is not None)

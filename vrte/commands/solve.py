@@ -78,8 +78,7 @@ def read_setting(text: str) -> tuple[str, Any]:
 
 
 def check(options: argparse.Namespace) -> None:
-    """Whether anything is written, and the options go together; takes the wavelengths from the scene file where it
-    lists several. Raises SceneError."""
+    """Whether options go together and something is written; wavelengths from the file. Raises SceneError."""
     if not (options.output or options.csv or options.plot or options.mitsuba):
         raise SceneError("nothing to write: -o, --csv or --plot names a file for the result")
     if options.kind == "field":

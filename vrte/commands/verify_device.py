@@ -301,8 +301,7 @@ SECONDS = 0.03  # of one round, about
 
 @dataclass(frozen=True)
 class Rate:
-    """Products of ``count`` matrices of ``rows`` rows and columns: 1e9 operations a second, on the device and by BLAS
-    on as many threads as were asked for."""
+    """Products of ``count`` matrices of ``rows`` rows: 1e9 operations a second on the device and by BLAS."""
 
     rows: int
     count: int

@@ -89,8 +89,7 @@ class Columns:
         self.names = self.rows.pop(0) if kept else []
 
     def check(self, headers: Sequence[list[str]] = (), words: str = "", fewest: int = 1) -> None:
-        """Raises SceneError unless the header is one of ``headers``, in ``words``, no name comes twice, enough
-        rows are there, and each has as many cells as there are columns."""
+        """Raises SceneError unless the header is allowed, names differ, rows are enough and have all columns."""
         if headers and self.names not in headers:
             raise SceneError(f"the first line must be {words}")
         if len({*self.names}) < len(self.names):
@@ -239,8 +238,7 @@ def write_coefficients(phase_matrix: PhaseMatrix, path: PathName) -> None:
 
 
 def write_table(columns: Mapping[str, Sequence[Any]], path: PathName, comment: str = "") -> None:
-    """Writes columns of words and numbers as CSV behind a checksum, all of it or nothing; every digit of numbers,
-    nothing for NaN. Raises OSError."""
+    """Writes columns as CSV behind a checksum, all or nothing, every digit, nothing for NaN. Raises OSError."""
     with write_sealed_text(path) as file:
         file.writelines(f"# {line}\n" for line in comment.splitlines())
         rows = csv.writer(file, lineterminator="\n")

@@ -107,8 +107,7 @@ PHASES: dict[str, Row] = {
 
 @lru_cache(maxsize=16)
 def make_once(name: str, layer: tuple[str | int, ...], values: tuple[tuple[str, Any], ...]) -> PhaseMatrix:
-    """The phase matrix of a row and the values of its keys, remembered for each ``layer``: one whose matrix is shared
-    with another adds up its light in another order."""
+    """The phase matrix of a row and its values, kept for each ``layer``: a shared one would change the sums."""
     return PHASES[name].make(**dict(values))
 
 
@@ -258,8 +257,7 @@ def list_counted_media(content: Mapping[str, Any]) -> list[Any]:
 
 
 def read_layers(reading: Reading) -> list[tuple[Table, str, dict[str, Any]]]:
-    """The tables [[layer]] with what they are, by `LAYERS`, and the values of their keys; there need be none above a
-    base. Raises SceneError."""
+    """The tables [[layer]], if any: which of `LAYERS` each is, and the values of its keys. Raises SceneError."""
     file = reading.file
     if "layer" not in file and "base" in file:
         return []

@@ -225,8 +225,7 @@ def find_pigment(name: str) -> dict[str, Any] | None:
 
 
 def expand_content(content: Mapping[str, Any], folder: Path = Path()) -> dict[str, Any]:
-    """The content of a scene file with particles, layers and base in place of a paint and of ready materials; one's own
-    materials lie in ``folder``. Raises SceneError."""
+    """A file's content with paint and ready materials expanded; one's own lie in ``folder``. Raises SceneError."""
     return expand_materials(expand_paint(content), folder)
 
 
@@ -314,8 +313,7 @@ def list_places(content: Mapping[str, Any]) -> list[tuple[Place, Place]]:
 
 
 def find_expanded_place(content: Mapping[str, Any], place: Place) -> Place:
-    """Where a number of a paint stands once it is expanded, or the same place where it is none of a paint. Raises
-    SceneError for facets of a paint that has none."""
+    """Where a number of a paint stands once expanded, else the same place. Raises SceneError without facets."""
     for ours, theirs in list_places(content):
         if place[: len(ours)] == ours:
             if ours[-1] == "surface" and not isinstance(content["paint"].get("surface"), dict):

@@ -74,8 +74,7 @@ def write_tensors(fields: Mapping[str, NDArray[Any]], path: PathName) -> None:
 
 
 def read_tensors(path: PathName, most_bytes: float = LARGEST) -> dict[str, NDArray[Any]]:
-    """The arrays of a tensor file by their names. Raises SceneError for a file that is none, is cut off or is longer
-    than ``most_bytes``, OSError."""
+    """The arrays of a tensor file by their names. Raises SceneError for one damaged or too long, OSError."""
     name = check_file_name(path)
     with open(name, "rb") as file:
         content = file.read(int(most_bytes) + 1)
@@ -289,9 +288,8 @@ def tabulate_spectrum(spectrum: Spectrum, axes: Axes) -> NDArray[np.float32]:
 
 
 def make_direction_pairs(axes: Axes) -> tuple[Array, Array, Array]:
-    """The light's and the view's directions, both away from the surface, and the normal of the plane of both, each
-    (pairs, 3), z upward. The half vector lies in the plane y = 0; across is half vector x difference vector, which
-    stays what it is where both directions are one."""
+    """Directions of light and view away from the surface, and the normal of their plane, each (pairs, 3), z upward: the
+    half vector lies in y = 0; across is half vector x difference vector."""
     phi, spread, half = (axis.ravel() for axis in np.meshgrid(*axes, indexing="ij"))
     middle = np.stack([np.sin(half), 0.0 * half, np.cos(half)], axis=1)
     tangent = np.stack([np.cos(half), 0.0 * half, -np.sin(half)], axis=1)

@@ -38,8 +38,7 @@ PLACES = {"11": 0, "12": 1, "22": 2, "33": 3, "34": 4, "44": 5}
 
 
 class AngleTable(NamedTuple):
-    """Angles [degrees], ascending, and six columns in the order of ELEMENTS, None where one is missing; whether it is
-    known to be of spheres."""
+    """Ascending angles [degrees] and six columns in the order of ELEMENTS, or None; whether known to be of spheres."""
 
     angle_deg: Array
     columns: tuple[Array | None, ...]

@@ -192,8 +192,7 @@ class Draft:
 
 
 class Neighbourhood:
-    """A scene file whose numbers are about to change: its ``scene``, the ``recipe`` of that, the ``held`` optics, and
-    what the spheres among its particles depend on, by kind."""
+    """A scene file about to change: its ``scene``, ``recipe``, ``held`` optics, and the spheres' numbers by kind."""
 
     def __init__(self, file: ChangingFile, values: Array) -> None:
         self.file, self.values, self.held = file, values, HeldOptics(file.optics)
@@ -256,8 +255,7 @@ class Neighbourhood:
         return draft
 
     def list_numbers(self, recipe: Recipe) -> Arrays:
-        """What a recipe's scene is made of: ingredients of its layers without particles, amounts in those of particles,
-        absorption around each kind, and what spheres depend on."""
+        """Layers without particles, amounts in those of particles, absorption around kinds, numbers of spheres."""
         found = list_ingredients(recipe.scene, self.recipe.scene)
         found |= {("amounts", index): layer.amounts for index, layer in enumerate(recipe.layers)}
         found["absorption",] = np.array([kind.host_absorption for kind in recipe.particles])
@@ -318,8 +316,7 @@ class Neighbourhood:
 
 
 def list_ingredients(scene: Scene, like: Scene) -> Arrays:
-    """Optical thicknesses and albedos of all layers, one array, and the coefficients of each, (terms, 6), with as many
-    terms as those of the scene that it is ``like``."""
+    """Thicknesses and albedos, one array, and coefficients (terms, 6) of layers, terms as those of ``like``."""
     bulk = [layer.thickness for layer in scene.layers] + [layer.albedo for layer in scene.layers]
     found: Arrays = {("bulk",): np.array(bulk)}
     for row, (layer, other) in enumerate(zip(scene.layers, like.layers, strict=True)):

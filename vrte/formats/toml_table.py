@@ -82,8 +82,7 @@ def shorten_text(text: str, most: int) -> str:
 
 
 def write_value(value: Any, depth: int = DEEPEST_WRITTEN, most: int | None = None) -> str:
-    """A value of a scene file as TOML in one line; ``most``: no more of it than a complaint shows. Raises SceneError
-    for what no scene file holds, where all of it is written."""
+    """A value as TOML in one line; ``most``: what a complaint shows of it. Raises SceneError for no TOML."""
     if isinstance(value, (dict, list)) and not depth:
         if most is None:
             raise SceneError("tables or lists nested too deeply to be written")
@@ -168,8 +167,7 @@ def read_fraction(value: Any) -> float | None:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """The ``content`` of one table; ``place`` is the way to it (() for the file), ``allowed`` its keys. Raises
-    SceneError for a key that is not allowed."""
+    """The ``content`` of a table at a ``place`` (() for the file). Raises SceneError for a key not ``allowed``."""
 
     place: Place
     content: dict[str, Any]

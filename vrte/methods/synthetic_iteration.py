@@ -71,8 +71,7 @@ def solve_closed_form(regular: str, request: Request, run: Run) -> TwoFluxes:
 
 
 def compute_regular_fluxes(regular: str, request: Request, tau: Array, run: Run) -> tuple[Array, Array]:
-    """Diffuse fluxes down and up by the method named, without polarization, for unit beams, (n_tau, n_in), less those
-    of the peaks that delta-M takes off for two terms."""
+    """Diffuse fluxes down and up of I for unit beams, (n_tau, n_in), less the peaks of delta-M for two terms."""
     request = replace(request, tau=tau, mu=np.ones(1), columns=np.array([[1.0, 0.0, 0.0, 0.0]]))
     if regular in CLOSED:
         found = solve_closed_form(regular, request, run)

@@ -50,8 +50,7 @@ CARRIED = 2  # terms of a phase function
 
 @dataclass(frozen=True, eq=False)
 class TwoFluxes:
-    """I of multiply scattered light of each order, (order, n_tau, n_in, n_out), and diffuse fluxes down and up (n_tau,
-    n_in), for unit beams, of the layers as they were cut."""
+    """Orders of I, (order, n_tau, n_in, n_out), and fluxes (n_tau, n_in), of unit beams and of layers as cut."""
 
     orders: Sequence[Array]
     down: Array

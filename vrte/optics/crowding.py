@@ -209,8 +209,7 @@ def scatter_as_hard_spheres(particles: Particles, volume_fraction: float) -> Par
 
 
 def _expand_until_converged(population: Population, volume_fraction: float) -> tuple[PhaseMatrix, float]:
-    """The phase matrix and the integral of F11, with twice as many nodes until the terms left out are below 1e-12, or
-    what rounding leaves of them: S(q) is no polynomial."""
+    """The phase matrix and the integral of F11, nodes doubled until terms left out are below 1e-12."""
     orders, root = population.a.shape[1], np.sqrt(population.weights)[:, None]
     wavenumber, one_each = float(population.sizes[0] / population.radii[0]), np.ones(population.radii.size)
 
@@ -259,9 +258,8 @@ def scatter_in_medium(
 
 
 class Packing(NamedTuple):
-    """A model of crowding: its ``words``; the volume fraction above which it warns; particles at a volume fraction as
-    they scatter there; what spheres it is ``meant`` for, by a number of them and the most that it may be; the largest
-    volume fraction that there is."""
+    """A model of crowding: ``words``; the volume fraction above which it warns; how particles scatter at one; which
+    spheres it is ``meant`` for, by a number and its limit; the largest volume fraction."""
 
     words: str
     up_to: float

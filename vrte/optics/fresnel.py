@@ -26,8 +26,7 @@ def refract_cosine(index: complex | Any, mu: Any) -> NDArray[np.complex128]:
 
 
 def reflect_smooth(index: complex | Any, mu: Any, behind: Any = None) -> Array:
-    """Mueller matrices of reflection, of radiance and of power alike, (..., 4, 4); ``behind``: the cosine there, where
-    it is known better than mu tells."""
+    """Mueller matrices of reflection, (..., 4, 4); ``behind``: the cosine there, where it is known better."""
     mu, behind = np.asarray(mu, float), refract_cosine(index, mu) if behind is None else behind
     s = (mu - index * behind) / (mu + index * behind)
     p = (index * mu - behind) / (index * mu + behind)
@@ -35,8 +34,7 @@ def reflect_smooth(index: complex | Any, mu: Any, behind: Any = None) -> Array:
 
 
 def transmit_smooth(index: complex | Any, mu: Any, behind: Any = None) -> Array:
-    """Mueller matrices of the transmitted power, (..., 4, 4), zero under total reflection; radiance is index^2 times as
-    much; ``behind`` as of `reflect_smooth`."""
+    """Mueller matrices of transmitted power, (..., 4, 4), zero under total reflection; radiance: times index^2."""
     mu, behind = np.asarray(mu, float), refract_cosine(index, mu) if behind is None else behind
     s, p = 2.0 * mu / (mu + index * behind), 2.0 * mu / (index * mu + behind)
     share: Array = np.real(index * behind) / mu

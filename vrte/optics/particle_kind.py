@@ -150,8 +150,7 @@ def check_kind(
     radius_um: Any = None,
     size: SizeDistribution | None = None,
 ) -> tuple[tuple[RefractiveIndex, ...], float, RefractiveIndex, SizeDistribution]:
-    """What every `ParticleKind` begins with: indices of the materials by their names, the wavelength [um], the medium,
-    the sizes. Raises SceneError."""
+    """Indices by name, the wavelength [um], the medium and sizes of a `ParticleKind`. Raises SceneError."""
     substances = tuple(find_named_index(name, material, wavelength_um) for name, material in materials.items())
     wavelength = check_wavelength(wavelength_um)
     medium = find_host_index(host_index, wavelength)

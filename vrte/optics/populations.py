@@ -31,8 +31,7 @@ ANGLES_AT_ONCE, SIZES_AT_ONCE = 512, 256  # bound the memory
 
 @dataclass(frozen=True, eq=False)
 class Population:
-    """Spheres of many sizes: radii [um], size parameters and weights (sizes,); a_n, b_n (sizes, orders), n >= 1;
-    ``cross_sections`` (sizes, 4) of `find_cross_sections`."""
+    """Spheres of many sizes: radii [um], size parameters, weights; a_n, b_n (sizes, orders); cross sections."""
 
     radii: Array
     sizes: Array

@@ -154,8 +154,7 @@ def check_wavelength(value: Any) -> float:
 
 
 def check_range(table: str, wavelength_um: float, low: float, high: float) -> None:
-    """Whether a wavelength [um] lies in a table's range: nothing is extrapolated. Raises SceneError, which asks about
-    nanometres where those would lie in it."""
+    """Raises SceneError where a wavelength [um] lies outside a table's range; asks about nanometres if those fit."""
     if not low <= wavelength_um <= high:
         hint = f": did you mean {wavelength_um / 1e3:g}?" if low <= wavelength_um / 1e3 <= high else ""
         reach = f"{table} goes from {low:g} to {high:g} um"
@@ -163,8 +162,7 @@ def check_range(table: str, wavelength_um: float, low: float, high: float) -> No
 
 
 def find_wavelength_range(material: Material) -> tuple[float, float]:
-    """The vacuum wavelengths [um] from and to which an index is known: of a name, the part that all its tables share.
-    Raises SceneError for an unknown name."""
+    """The vacuum wavelengths [um] from and to which all tables of a name reach. Raises SceneError if unknown."""
     if isinstance(material, IndexTable):
         return material.wavelengths_um[0], material.wavelengths_um[-1]
     if not isinstance(material, str):

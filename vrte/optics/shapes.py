@@ -224,8 +224,7 @@ def average_shape(shape: Shape) -> Particles:
 def add_sizes(
     shape: Shape, largest: float, known: dict[float, Average], count: int, moment: int
 ) -> tuple[Average, Array, int]:
-    """The mean over ``count`` radii up to a ``moment``; k^2 times its `sum_bulk` (4,); how many radii count. Those not
-    ``known`` are worked out and kept there."""
+    """The mean over ``count`` radii up to a ``moment``, and its `sum_bulk`; those not ``known`` are kept there."""
     radii, weights = shape.read_quadrature(count, moment)
     counts = shape.wavenumber * radii >= TOO_SMALL
     radii, weights = radii[counts], weights[counts]

@@ -84,8 +84,7 @@ class Lognormal:
         check_fields("lognormal: ", self, {"median_um": LENGTH, "sigma": sigma})
 
     def quadrature(self, count: int, moment: int = 6) -> tuple[Array, Array]:
-        """Radii [um] (n,) and their number shares (n,), in equal steps of the logarithm of the radius, which is
-        exponentially accurate up to the mean of radius^moment."""
+        """Radii [um] (n,) and number fractions, in equal steps of the logarithm: exact to the mean of r^moment."""
         width = math.log(self.sigma)
         steps = np.linspace(2.0 * width - DEVIATIONS, moment * width + DEVIATIONS, max(2, count))
         density = np.exp(-0.5 * steps**2) / math.sqrt(2.0 * math.pi)
@@ -172,8 +171,7 @@ class Tabulated:
         vars(self).update(radius_um=radii, density=density)
 
     def quadrature(self, count: int, moment: int = 6) -> tuple[Array, Array]:
-        """Radii [um] (n,) and their number shares (n,), by the trapezoidal rule, each stretch of the table in 2^k equal
-        parts, about ``count`` radii in all."""
+        """Radii [um] (n,) and number fractions, by the trapezoidal rule on 2^k parts of each stretch."""
         knots = np.asarray(self.radius_um)
         parts = 2 ** math.ceil(math.log2(max(1.0, (count - 1) / (knots.size - 1))))
         inside = np.arange(parts) / parts

@@ -97,8 +97,7 @@ class Ball(ParticleKind):
         return compute_mie_coefficients(*self.relative_indices, *self.list_sizes(radii))
 
     def list_arguments(self, radii: Array) -> Complex:
-        """What the coefficients of spheres are functions of, (arguments, sizes): relative indices and size parameters,
-        both from the inside out."""
+        """Arguments (arguments, sizes) of coefficients: relative indices and size parameters, from the inside out."""
         indices = [np.full(radii.shape, index) for index in self.relative_indices]
         return np.stack([*indices, *(size + 0j for size in self.list_sizes(radii))])
 
@@ -109,8 +108,7 @@ class Ball(ParticleKind):
         return find(*map(complex, self.relative_indices), *sizes, count_orders(sizes[-1]))
 
     def find_permittivity(self, radius_um: float) -> complex:
-        """Of a homogeneous sphere that a static field polarizes as much as one of this outer radius [um]. Source:
-        Bohren and Huffman (1983), (5.36), solved for one substance."""
+        """Of the homogeneous sphere that a static field polarizes as much (Bohren and Huffman (1983), (5.36))."""
         core, shell = self.substances[0].value ** 2, self.substances[-1].value ** 2
         if len(self.substances) == 1:
             return shell
@@ -286,9 +284,8 @@ def average_ball(ball: Ball) -> Particles:
 
 
 def compute_mie_coefficients(*numbers: Any) -> tuple[Complex, Complex]:
-    """a_n and b_n (..., orders) from n = 1 of spheres' indices relative to the host and their size parameters (...), or
-    of the indices of core and shell and the size parameters of core and whole; 0 where an order holds nothing. Source:
-    Bohren and Huffman (1983), (4.53) and section 8.1."""
+    """a_n and b_n (..., orders), n >= 1, of spheres' relative indices and size parameters (...), or those of core and
+    shell; 0 where an order holds nothing (Bohren and Huffman (1983), (4.53), 8.1)."""
     given = np.broadcast_arrays(*numbers)
     half, shape = len(given) // 2, given[0].shape
     indices = [np.array(each, np.complex128).ravel() for each in given[:half]]
@@ -302,8 +299,7 @@ def compute_mie_coefficients(*numbers: Any) -> tuple[Complex, Complex]:
 
 
 def count_orders(size: float) -> int:
-    """How many a_n and b_n to work out: Wiscombe's number of orders leaves out some 1e-8 of an amplitude, so more are
-    asked for, and those that hold nothing are dropped."""
+    """How many a_n and b_n to compute: more than Wiscombe's number, which loses 1e-8 of an amplitude."""
     return int(size + 6.0 * size ** (1.0 / 3.0) + 8.0)
 
 

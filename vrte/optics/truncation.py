@@ -43,8 +43,7 @@ def truncate_layer(name: str, phase_matrix: PhaseMatrix, albedo: float, thicknes
 
 
 def remove_forward_peak(phase_matrix: PhaseMatrix, albedo: float, thickness: float, terms: int) -> Truncated:
-    """The layer without its forward peak, ``terms`` >= 1 coefficients at most; with no more it stays as it is, to the
-    last bit. An albedo of 1 stays exactly 1."""
+    """The layer without its forward peak, ``terms`` >= 1 at most; else as it is, to the last bit."""
     f = find_peak_fraction(phase_matrix, terms)
     if f == 0.0:
         return truncate_layer("none", phase_matrix, albedo, thickness, terms)
@@ -54,8 +53,7 @@ def remove_forward_peak(phase_matrix: PhaseMatrix, albedo: float, thickness: flo
 
 
 def find_peak_fraction(phase_matrix: PhaseMatrix, terms: int) -> float:
-    """f, the first a1 left out over its 2 l + 1; 0 where none is left out, and where the signs of coefficients change
-    from one to the next, as those of a peak straight back."""
+    """f, the first a1 left out over its 2 l + 1; 0 where none is, or where signs of coefficients alternate."""
     left_out = phase_matrix.a1[terms : terms + 2]
     if left_out.size == 0 or (left_out < 0.0).any():
         return 0.0

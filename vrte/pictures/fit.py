@@ -112,8 +112,7 @@ def draw_fit(fit: Fit) -> Figure:
 
 
 def describe_quantity(fit: Fit, name: str, rows: Any = None) -> tuple[PlotPanel, PlotPanel]:
-    """Points with error bars and what the fit shows, and below them the residuals; of several quantities, and where
-    nothing differs between the rows, along the row."""
+    """Points with error bars, the fit and the residuals; of several quantities along the row."""
     given, mixed = fit.measurement, rows is not None
     axis = "" if mixed else find_axis(given, name)
     if axis:

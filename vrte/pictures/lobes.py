@@ -54,9 +54,8 @@ RINGS = 0.5, 1.0  # radii that are drawn on it
 
 @dataclass(frozen=True, eq=False)
 class Lobe:
-    """The quantities named ``height`` and ``colour`` of the light that leaves, ``heights`` and ``colours``
-    (theta, phi) on rings ``theta`` and spokes ``phi`` [degrees] that end at the last mu_o, for light from ``mu_i``;
-    ``mirrored`` says what comes back as a beam, "" for nothing."""
+    """``heights`` and ``colours`` (theta, phi) of the quantities ``height`` and ``colour`` on rings ``theta`` and
+    spokes ``phi`` [degrees] for light from ``mu_i``; ``mirrored``: the beam in words, or ""."""
 
     mu_i: float
     theta: Array
@@ -83,8 +82,7 @@ class Lobe:
         return self.radius[..., None] * make_unit_vector_grid(self.theta, self.phi)
 
     def list_beams(self) -> Iterator[tuple[Array, str, str]]:
-        """Of the incident light, and of the mirrored where there is some: where it is seen from the centre, a unit
-        vector (3,), its words and its colour."""
+        """Incident and mirrored light: unit vectors (3,) from the centre, words and colours."""
         sine = float(np.sqrt(1.0 - self.mu_i**2))
         yield np.array([-sine, 0.0, self.mu_i]), "", INCIDENT
         if self.mirrored:

@@ -121,8 +121,7 @@ def describe_arrow(angle: float, start: float, end: float, name: str, colour: st
 
 
 def cuts(brdf: Brdf, place: int, quantity: str = "f00", stokes: Any = UNPOLARIZED) -> Any:
-    """A quantity of `vrte.quantities.QUANTITIES` against the angle of exit, in and across the plane of incidence, for
-    light ``stokes`` at ``mu_i[place]``."""
+    """A quantity of `vrte.quantities.QUANTITIES` against the angle of exit, in and across the plane of incidence."""
     check_whole("place", place, 0, brdf.mu_i.size - 1)
     title, under = f"{name_brdf(brdf)}: {label_quantity(quantity)}", f"{describe_incidence(brdf, place)}; {SIDES}"
     return draw_interactive([describe_cuts(brdf, place, quantity, stokes)], title, under)
@@ -159,8 +158,7 @@ def draw_brdf(brdf: Brdf) -> Figure:
 
 
 def describe_changes(brdf: Brdf, chosen: Sequence[int]) -> list[PlotPanel]:
-    """Derivatives of f00 in the plane of incidence against the angle of exit, each over its largest, a panel for each
-    of the incident directions ``chosen``."""
+    """Derivatives of f00 in the plane of incidence, each over its largest; a panel an incident direction."""
     jacobian = brdf.jacobian or {}
     changes = dict(list(jacobian.items())[:MOST_CHANGES])
     parts: list[list[Any]] = [[Line(y=0.0, width=0.8)] for _ in chosen]
@@ -290,8 +288,7 @@ def field_polar(field: Field, quantity: str = "I", over_largest: bool = False, d
 
 
 def select_in_plane(field: Field, quantity: str) -> tuple[Array, Array]:
-    """Angles (n,) [degrees] of travel from straight up, clockwise, and the quantity there (tau, n); NaN parts light
-    that goes up from light that goes down."""
+    """Angles (n,) [degrees] of travel from straight up, clockwise, and the quantity (tau, n), NaN between."""
     sides = {sign: np.flatnonzero(np.abs(field.phi % 360.0 - phi) < 1e-9) for sign, phi in ((1.0, 0.0), (-1.0, 180.0))}
     known = [(sign, found[0]) for sign, found in sides.items() if found.size]
     if not known or not field.mu.size:
@@ -384,8 +381,7 @@ def spectra(found: Any, before: Any, geometry: str) -> Any:
 
 
 def describe_phase_matrix(phase_matrix: PhaseMatrix) -> list[PlotPanel]:
-    """F11 on a logarithmic scale, and the ratios of the other elements to it, against the scattering angle; with gaps
-    where F11 is not above 0, as rounded tables have it."""
+    """F11 on a logarithmic scale, with gaps where it is not above 0, and the other elements over it."""
     matrix = phase_matrix.scattering_matrix(ANGLES_DEG)
     f11 = np.where(matrix[:, 0, 0] > 0.0, matrix[:, 0, 0], np.nan)
     hover = "{} at %{{x:.1f}}°: %{{y:.4g}}"

@@ -93,8 +93,7 @@ def compute_normals(camera: Camera, theta: Array, psi: Array) -> Array:
 
 
 def convert_to_polar(travel: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
-    """Signed cosine, azimuth [rad] and axis l (..., 3) of directions of travel (..., 3) in the frame x, y, z; at the
-    poles the azimuth is 0 by choice."""
+    """Signed cosine, azimuth [rad], 0 at poles, and axis l (..., 3) of travel (..., 3) in the frame x, y, z."""
     cosine = np.clip((travel * z).sum(axis=-1), -1.0, 1.0)
     azimuth = np.arctan2((travel * y).sum(axis=-1), (travel * x).sum(axis=-1))
     sine = np.sqrt(1.0 - cosine**2)

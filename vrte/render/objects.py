@@ -74,8 +74,7 @@ class View:
         return Points.far(compute_normals(self.camera, theta, psi), self.camera)
 
     def stokes(self, tables: Sequence[BrdfTable], chosen: Any = slice(None)) -> Array:
-        """Stokes radiance (pixel, wavelength, 4) to the camera, of a material with these tables at the wavelengths of
-        the sky that are ``chosen``, by default at all."""
+        """Stokes radiance (pixel, wavelength, 4) to the camera, with these tables at ``chosen`` wavelengths."""
         sky, lookup = self.sky.choose(chosen), Lookup.between_splines(tables)
         light, resolution = SceneLight.of(sky), self.resolution
         _, theta, psi = self.pixels
@@ -234,8 +233,7 @@ class Stage:
 
 
 def draw_background(stage: Stage, light: SceneLight, observer: Array) -> tuple[Array, Samples]:
-    """Sky and ground as channels (pixel, 6), each as much as is seen of it, and the samples of all objects;
-    ``observer`` (3, wavelength) weighs wavelengths."""
+    """Sky and ground as channels (pixel, 6), and samples of objects; ``observer`` (3, wavelength) weighs."""
     lens, rays = stage.lens, stage.rays
     count = lens.width * lens.height
     found, kept = np.zeros((count, CHANNELS)), []

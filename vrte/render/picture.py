@@ -228,8 +228,7 @@ def round_up(value: float) -> float:
 
 
 class Canvas:
-    """A figure of ``width`` x ``height`` pixels, drawn on at places in pixels from its upper left corner, with letters
-    of the height ``letter``."""
+    """A figure of ``width`` x ``height`` pixels, places from its upper left corner, letters ``letter`` high."""
 
     def __init__(self, width: int, height: int, letter: float) -> None:
         self.width, self.height = width, height
@@ -353,8 +352,7 @@ def describe_layers(content: Mapping[str, Any]) -> str:
 
 
 def _describe_particles(layer: Mapping[str, Any], content: Mapping[str, Any]) -> str:
-    """Substances and sizes of a layer's particles, with their fractions where there are more; "" where they are named
-    alone, or there are none."""
+    """Substances, sizes and fractions of a layer's particles; "" where they are named alone, or none."""
     given = layer.get("volume_fractions", layer.get("particles", {}))
     fractions = {given: 1.0} if isinstance(given, str) else given
     several = len(fractions) > 1

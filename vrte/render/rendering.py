@@ -104,8 +104,7 @@ class Lit:
 
     @cached_property
     def weighed(self) -> tuple[Array, Film]:
-        """The observer, for whom a white Lambertian surface that faces the sun has Y = 1, and the film for the light
-        that falls on level ground."""
+        """The observer, Y = 1 for a white surface that faces the sun, and the film for level ground's light."""
         observer = weigh_wavelengths(self.material.wavelengths_um)
         white = observer @ compute_irradiance(self.sky, np.stack([-self.sky.beam, UP])) / np.pi
         return observer / white[1, 0], make_film(white[:, 1], self.setting.exposure)

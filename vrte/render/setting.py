@@ -101,9 +101,8 @@ class Material:
 def read(
     paths: Sequence[Path], count: int | None = None, shapes: Sequence[str] = ()
 ) -> tuple[list[Material], PictureSetting]:
-    """The materials of scene files, and the one setting of their picture; ``count`` wavelengths and the ``shapes`` of
-    objects, one for all or one for each, win over the files'. Raises SceneError, also for two files that disagree in
-    what a picture has once only."""
+    """Materials of scene files and the one setting of their picture; ``count`` and ``shapes``, one or one each, win
+    over the files'. Raises SceneError, also where two files disagree in the setting."""
     materials: list[Material] = []
     given: dict[str, tuple[Any, Path]] = {}
     if len(shapes) not in (0, 1, len(paths)):

@@ -29,8 +29,7 @@ NEEDED = "a picture of an object", "render"
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A surface of triangles: ``corners`` (n, 3) with unit ``normals`` (n, 3), and which three make up each of
-    ``triangles`` (m, 3), counter-clockwise seen from outside."""
+    """Triangles: ``corners`` (n, 3), unit ``normals`` (n, 3), ``triangles`` (m, 3) counter-clockwise from outside."""
 
     corners: Array
     normals: Array
@@ -177,8 +176,7 @@ def load_mesh(path: Path) -> Body:
 
 
 def read_triangles(path: Path, trimesh: Any) -> tuple[Array, Any]:
-    """The corners (n, 3) of a file's mesh, one unit large about the origin, and which of them make up triangles (m, 3),
-    all of them. Raises SceneError, OSError."""
+    """Corners (n, 3) of a file's mesh, one unit large about 0, and its triangles (m, 3). Raises SceneError, OSError."""
     with open(check_file(path), "rb") as file:
         content = file.read()
     kind = path.suffix[1:].lower()
@@ -237,8 +235,7 @@ class Rays:
         ]
 
     def find_hits(self, start: Array, heading: Array) -> tuple[Any, Any, Array]:
-        """What rays from ``start`` along unit vectors ``heading`` (n, 3) meet first: body and triangle (n,), body -1
-        for nothing, and where in the triangle (n, 2)."""
+        """What rays (n, 3) meet first: body and triangle (n,), body -1 for nothing, and where in it (n, 2)."""
         found = self._scene.run(start.astype(np.float32), heading.astype(np.float32), output=True)
         body = np.where(found["geomID"] < 0, -1, found["geomID"])
         return body, found["primID"], np.stack([found["u"], found["v"]], axis=-1)

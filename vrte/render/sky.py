@@ -51,8 +51,8 @@ class Sky:
         return replace(self, sun=self.sun[which], splines=self.splines[which], ground=self.ground[which])
 
     def find(self, travel: Array) -> Array:
-        """Stokes radiance (n, wavelength, 3) without V, which molecules do not make, of skylight along ``travel``
-        (n, 3); in the frame of the vertical."""
+        """Stokes radiance (n, wavelength, 3), V being 0, of skylight along ``travel`` (n, 3), in the vertical's
+        frame."""
         above = make_spline_matrix((self.theta,), (np.arccos(np.clip(-travel[:, 2], STEEPEST, 1.0)),))
         orders = above @ np.moveaxis(self.splines[..., :3], 0, 1).reshape(self.theta.size, -1)
         azimuth = np.arctan2(travel[:, 1], travel[:, 0]) - np.arctan2(self.beam[1], self.beam[0])
@@ -122,8 +122,8 @@ def choose_wavelengths(count: int, low: float = FROM_UM, high: float = TO_UM) ->
 
 
 def weigh_wavelengths(wavelengths_um: Array) -> Array:
-    """(3, wavelength): weights of radiances in sunlight in X, Y and Z for the observer of 2 degrees; radiances of 1
-    make Y = 1. Raises MissingExtraError."""
+    """(3, wavelength): weights of radiances in sunlight in X, Y, Z (2 degrees), Y = 1 of 1. Raises
+    MissingExtraError."""
     import_colour_science(*NEEDED)
     return spread_weights(wavelengths_um, *combine_with_observer(load_sunlight_spectrum, observer=2))
 

@@ -107,9 +107,8 @@ class Points:
 
 @dataclass(frozen=True, eq=False)
 class ShadedGround:
-    """Where the objects' shadow lies: ``east`` and ``north`` (steps,) span places, which the ``sun`` reaches or not,
-    and ``seen`` (place, direction) of the sky above, light from ``travel`` (direction, 3) whose ``weights`` are parts
-    of the irradiance under an even sky."""
+    """The ground: places ``east`` and ``north`` (steps,), whether the ``sun`` reaches them, and ``seen`` (place,
+    direction) of the sky along ``travel`` (direction, 3) with ``weights`` of an even sky."""
 
     east: Array
     north: Array

@@ -36,8 +36,7 @@ DARK = 0.35  # luminance below which words and lines on a card are light
 
 @dataclass(frozen=True, eq=False)
 class ColourCard:
-    """A material over black and over white: reflectances (wavelength,), and with each CIE XYZ (3,) in sunlight whose
-    white is Y = 1, and sRGB (3,) from 0 to 1."""
+    """Over black and over white: reflectances (wavelength,), XYZ (3,) in sunlight, Y = 1 white, sRGB (3,)."""
 
     name: str
     title: str

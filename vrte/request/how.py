@@ -298,8 +298,7 @@ WORDS: dict[str, tuple[str, str]] = {  # of parameters of public calls that are 
 
 
 def complete_docstring(call: Call) -> Call:
-    """Puts what names mean, an entry of numpydoc each, in the place of a line {name, name} of a docstring: {all}
-    parameters of the call, or all {options}."""
+    """Puts entries of numpydoc in place of lines {name, name}: {all} parameters of the call, or all {options}."""
     names = call.__code__.co_varnames[: call.__code__.co_argcount]
     several = {"all": names, "options": tuple(name for name in names if name in OPTIONS)}
 

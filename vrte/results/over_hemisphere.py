@@ -55,8 +55,7 @@ def _turn_axes(light: Array, degrees: Array) -> Array:
 def light_on_mesh(
     brdf: Brdf, place: int, incident: Any = (1, 0, 0, 0), step_deg: float = 0.5
 ) -> tuple[Array, Array, Array]:
-    """Rings (n_theta,) and spokes (n_phi,) [degrees] at most ``step_deg`` apart, 0 and 360 both, and the Stokes vectors
-    there, (n_theta, n_phi, 4) [1/sr]."""
+    """Rings and spokes [degrees] ``step_deg`` apart at most, and Stokes vectors (n_theta, n_phi, 4) [1/sr]."""
     theta = _list_polar_angles(brdf, step_deg)
     phi = np.linspace(0.0, 360.0, 1 + _count_steps(360.0, step_deg))
     return theta, phi, stokes_over_hemisphere(brdf, place, theta, phi, incident)

@@ -18,8 +18,7 @@ Found = TypeVar("Found", bound=Brdf | Field)
 
 
 def stack(name: str, words: str) -> Any:
-    """A property of a spectrum: arrays of its BRDFs, or dictionaries of them, with the axis of wavelengths in front,
-    read-only; None where they have none."""
+    """A property of a spectrum: arrays of its BRDFs, or dictionaries of them, stacked, read-only, or None."""
 
     def collect(spectrum: "Spectrum") -> Any:
         found = [getattr(one, name) for one in spectrum.brdfs]
@@ -136,8 +135,7 @@ def check_ascending(wavelengths_um: Any) -> Array:
 
 
 def fill_shares(brdfs: tuple[Brdf, ...]) -> tuple[Brdf, ...]:
-    """The same, with zeros where others have light of surfaces and one has none: beams that fade out below the smallest
-    number, two media of one index."""
+    """The same, zeros where others have light of surfaces: beams below the smallest number, media of one index."""
     shapes = {
         "specular": lambda one: (one.mu_i.size, 4, 4),
         "specular_transmission": lambda one: (one.mu_i.size, 4, 4),

@@ -31,8 +31,7 @@ Sample = Callable[[Array, Array, Array], Array]  # f (..., S, S) of mu_i, mu_o, 
 
 
 class ConvergenceError(AccuracyError):
-    """Fourier integrals that do not converge: what was found of them, R^m with the most azimuths it took, and how many
-    times further off it may be than is allowed."""
+    """Fourier integrals that do not converge: R^m with the most azimuths, and its error over the allowed one."""
 
     def __init__(self, message: str, found: Orders, excess: float) -> None:
         super().__init__(message)

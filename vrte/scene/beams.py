@@ -36,8 +36,7 @@ class Interfaces:
 
 @dataclass(frozen=True, eq=False)
 class Passing:
-    """Light on either side of every interface, (interface, n, 4, columns): above it coming down and going up, below it
-    going down and coming up."""
+    """Light at every interface, (interface, n, 4, columns): above it down and up, below it down and up."""
 
     arriving: Array
     leaving: Array

@@ -60,8 +60,7 @@ def check_physical(f: Array, mu_i: Array, mu_o: Array, phi_deg: Array) -> None:
 
 
 def make_exit_rule(points: int) -> tuple[Array, Array]:
-    """Cosines of exit (points,), dense at the horizon, where lobes of grazing light are, and weights of a flux: the sum
-    of weight f over mu_o is the integral of mu_o f dmu_o."""
+    """Cosines of exit (points,), dense at the horizon, and weights of the integral of mu_o f dmu_o."""
     root, weight = np.polynomial.legendre.leggauss(check_whole("points", points, 2, MOST_POINTS))
     mu_o = (0.5 * (root + 1.0)) ** 2
     return mu_o, weight * np.sqrt(mu_o) * mu_o
@@ -150,9 +149,8 @@ class Boundary:
         return 0.0
 
     def reflect(self, mu_i: Array, mu_o: Array, phi_deg: Array) -> Array:
-        """Mueller matrices f [1/sr] (..., S, S) of the diffuse reflection of a beam, S the Stokes parameters that it
-        does not leave dark; positive cosines and the azimuth [degrees], outgoing minus incident along the direction of
-        travel, broadcast with each other."""
+        """Mueller matrices f [1/sr] (..., S, S) of diffuse reflection, S the Stokes parameters not left dark; positive
+        cosines and azimuth [degrees] (outgoing minus incident, along travel) broadcast."""
         return np.zeros((1, 1))
 
     def reflect_orders(self, mu_i: Array, mu_o: Array, pairs: BoolArray, n_order: int, allowed: Allowed) -> Orders:
@@ -166,8 +164,7 @@ class Boundary:
         return self
 
     def reflect_beam(self, index: float, mu: Array) -> Array:
-        """Mueller matrices (n, 4, 4) of a beam that is reflected as a beam, over its power: positive cosines (n,) in
-        the medium of that refractive index."""
+        """Mueller matrices (n, 4, 4) of a beam reflected as a beam; positive cosines (n,) in that medium."""
         return np.zeros((mu.size, 4, 4))
 
 

@@ -19,8 +19,7 @@ OVERPOLARIZED = 1e-6  # by how much of I polarization may exceed it: the roundin
 
 
 def turn_to_light(side: str, scene: Scene) -> Scene:
-    """The scene as light from that side meets it, upside down for "bottom". Raises SceneError where it has a base or no
-    end: no light comes from there."""
+    """The scene as light from that side meets it. Raises SceneError from below a base or without an end."""
     if side == "top":
         return scene
     if scene.base is not None:

@@ -19,9 +19,8 @@ STEEPEST = np.cos(np.radians(75.0))  # cosines above were measured, and formulas
 
 
 class Angles(NamedTuple):
-    """Directions of light that comes and goes, on one shape: cosines and tangents of both zenith angles, cosine of the
-    azimuth between them (0 ahead), the distance of both on a plane one unit above, and the phase angle [rad] from one
-    to the other, 0 straight back."""
+    """Directions of light that comes and goes: cosines and tangents of zenith angles, cosine of the azimuth between (0
+    ahead), distance on a plane one unit above, phase angle [rad], 0 straight back."""
 
     mu_i: Array
     mu_o: Array

@@ -223,8 +223,7 @@ def find_media(
     indices: Sequence[int | None],
     base: Boundary | None = None,
 ) -> tuple[float, ...]:
-    """Refractive indices: above the top, of each layer, below the last. Raises SceneError where they do not fit, which
-    names a layer by its place in the list that was given."""
+    """Refractive indices: above the top, of each layer, below the last. Raises SceneError naming a layer."""
     media: list[float | None] = [None, *(layer.host_index for layer in layers), None]
     between = ["the medium between two interfaces" if place is None else f"layer {place + 1}" for place in indices]
     base_index = None if base is None else base.index_above

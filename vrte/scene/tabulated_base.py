@@ -295,8 +295,7 @@ def expand_azimuths(phi_deg: Array, mueller: Array, average_mirrored: bool) -> t
 
 
 def interpolate_azimuths(azimuths: Array) -> Array:
-    """Weights (2 n, n) that take values at azimuths (n,) [degrees] all around to evenly spaced ones from 0 on, along a
-    periodic cubic spline."""
+    """Weights (2 n, n) of a periodic cubic spline from azimuths (n,) [degrees] to even steps from 0 on."""
     grid, index = repeat_grid(azimuths, 360.0)
     weights = compute_weights(grid, np.linspace(0.0, 360.0, 2 * azimuths.size, endpoint=False))
     found = np.zeros((len(weights), azimuths.size))

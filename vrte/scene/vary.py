@@ -130,8 +130,7 @@ def vary_filling(filling: Filling, change: Filling, by_volume: bool, is_length: 
 
 
 def assemble_layer(filling: Filling, by_volume: bool, is_length: bool) -> tuple[Array, Array, Array]:
-    """Optical thickness, albedo and coefficients: the formulas of `vrte.mixture` and `vrte.Layer.of` without checks, of
-    real numbers or complex ones."""
+    """Optical thickness, albedo, coefficients by `vrte.mixture` and `vrte.Layer.of`, real or complex, unchecked."""
     shares = filling.shares / filling.volume if by_volume else filling.shares
     shares = shares / shares.sum()
     extinction, scattering, volume = (
@@ -159,8 +158,7 @@ INTERFACE = re.compile(r"interface\[(\d+)\]\.(index|roughness)")
 
 
 def vary_scene(scene: Scene, name: str) -> Variation:
-    """How a scene changes with the number of that name. Raises SceneError for a name that it does not have, and for a
-    number that does nothing."""
+    """How a scene changes with the number of that name. Raises SceneError for one unknown or without effect."""
     if not isinstance(name, str):
         raise SceneError(f"derivatives must be names or vrte.Variation, not {show_value(name)}", "derivatives")
     if found := BASE.fullmatch(name):
@@ -268,9 +266,8 @@ def vary_base_number(scene: Scene, name: str, key: str, part: str | None) -> Var
 
 
 def vary_base(base_at: Callable[[float], Boundary | None], value: float, step: float) -> Weighted:
-    """Weights and boundaries of the derivative of a base over a number, at its ``value``, by differences of sixth
-    order; none where it stays the same, of a Lambertian base the white one alone. Raises the SceneError of ``base_at``
-    where neither side is allowed."""
+    """Weights and boundaries of a base's derivative over a number, by differences of sixth order; none if constant, the
+    white one of a Lambertian. Raises SceneError where neither side is allowed."""
     pairs = [(weight, base or BLACK) for weight, base in sample_around(base_at, value, step, SEVEN_POINTS)]
     if all(base == pairs[0][1] for _, base in pairs):
         return ()
@@ -352,8 +349,7 @@ def add_coefficients(matrix: PhaseMatrix, change: Array) -> PhaseMatrix:
 
 
 def move_scene(scene: Scene, variation: Variation, step: float) -> Scene:
-    """The scene with a variation's derivatives, times a step, added to its layers and its base. Raises SceneError where
-    they leave what is allowed."""
+    """The scene a step along a variation, of layers and base. Raises SceneError where that is not allowed."""
     layers = []
     changes = zip(variation.thickness.tolist(), variation.albedo.tolist(), variation.coefficients, strict=True)
     for layer, (thickness, albedo, table) in zip(scene.layers, changes, strict=True):

@@ -149,8 +149,7 @@ def try_call(attempt: Callable[[], Found]) -> Found | Exception:
 
 
 def make_processor_solver(threads: Callable[[], int] = lambda: 1, stop: Any = None) -> Solve:
-    """Small scenes that are alike together, others one after another on the processor, each on as many threads as there
-    are to spare then; ``stop``: the flag (1,) that ends it."""
+    """Solves alike scenes together, others on as many threads as there are to spare; ``stop``: the flag (1,)."""
     stop = np.zeros(1, np.int32) if stop is None else stop
 
     def one(request: Question) -> Outcome:
@@ -171,8 +170,7 @@ def make_processor_solver(threads: Callable[[], int] = lambda: 1, stop: Any = No
 
 
 def solve_alike_questions(questions: Sequence[Question], stop: Any) -> dict[int, Outcome]:
-    """Those of a chunk that can be solved with others, by their places; none of a batch where anything is wrong: solved
-    by itself, each tells its own error."""
+    """Those of a chunk that batches solve, by index; a batch with an error is left to single solves."""
     groups: dict[int, list[tuple[int, Request]]] = {}
     for index, each in enumerate(questions):
         if isinstance(each, Request):  # those that differ in their scenes alone share their directions
@@ -189,8 +187,7 @@ def solve_alike_questions(questions: Sequence[Question], stop: Any) -> dict[int,
 
 
 def solve_on_device(questions: Sequence[Question]) -> list[Outcome]:
-    """Results of a chunk's scenes, all at once on a device; one by one where one of them fails, and where fields are
-    asked for. No appearance gets here."""
+    """Results of a chunk's BRDFs, all at once on a device; one by one where one fails, and of fields."""
     requests = [one for one in questions if isinstance(one, Request)]
     run = Run(1)
 

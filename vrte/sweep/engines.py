@@ -95,8 +95,7 @@ OURS = {  # how a cluster of our own is to behave
 
 
 def dask_setup(server: Any) -> None:
-    """What Dask calls in its scheduler and its workers once they listen: closes their ports for HTTP, which no setting
-    leaves out, and which know no certificates."""
+    """What Dask calls in scheduler and workers: closes their ports for HTTP, which know no certificates."""
     server.http_server.stop()
 
 

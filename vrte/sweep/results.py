@@ -132,8 +132,7 @@ def lay_out_results(
 
 @dataclass(frozen=True, eq=False)
 class AskedAppearance:
-    """The table [appearance]: ``wavelengths_um`` (n,), names of QUANTITIES, the conditions; ``layer``, counted from 1,
-    says which layer is the film where there are several."""
+    """The table [appearance]: ``wavelengths_um`` (n,), QUANTITIES, conditions; ``layer``: the film, from 1."""
 
     wavelengths_um: Array
     quantities: tuple[str, ...]

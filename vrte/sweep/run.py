@@ -223,8 +223,7 @@ def predict_sweep(work: Work, workers: int, limit: float) -> None:
 
 
 def measure_particle_seconds(work: Work, shared: list[tuple[str, tuple[int, ...]]]) -> float:
-    """Seconds for all particles that scenes share, by the last of each name, which is kept; at the last of several
-    wavelengths, when the first one has loaded what all need."""
+    """Seconds for all particles that scenes share, by the last of each name, at the last wavelength, kept."""
     seconds, begin = 0.0, time.perf_counter()
     for name, lengths in shared:
         index = tuple(length - 1 for length in lengths)

@@ -323,9 +323,8 @@ def list_changed_files(fresh: Path, table: Path) -> list[Path]:
 
 
 def check_output(sweep: Sweep, output: Path, folder: Path) -> list[str]:
-    """What is damaged in the finished table of a sweep, in words; if anything is, the table becomes work begun again,
-    by one renaming, with a journal for each chunk that is whole. Raises SceneError for another sweep's table, and where
-    nothing says whose it was."""
+    """What is damaged in a sweep's finished table, in words; if anything, it becomes work begun again, with a journal
+    for each whole chunk. Raises SceneError for a table of another sweep, or of none."""
     if output.suffix != ".zarr":  # damage to one byte is damage to all
         try:
             whole = is_sealed(str(output))

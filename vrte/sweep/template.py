@@ -259,8 +259,7 @@ def check_values(sweep: Sweep, axis: SweepAxis) -> None:
 
 
 def list_roughnesses(sweep: Sweep, with_base: bool = True) -> set[float]:
-    """Of all surfaces that refract or mirror in any of its scenes, the base among them or not: 0 is smooth; none where
-    there is no such surface."""
+    """Of all surfaces that refract or mirror in its scenes, with the base or not: 0 is smooth."""
     layers, base = sweep.template["layer"], sweep.template.get("base", {})
     surfaces: dict[Place, Any] = {("layer", k, "interface"): one for k, one in enumerate(layers)}
     tables = {place: one["interface"] for place, one in surfaces.items() if "interface" in one}
@@ -295,8 +294,7 @@ def describe_sweep_results(sweep: Sweep) -> Results:
 
 
 def list_particle_places(sweep: Sweep) -> Iterator[tuple[str, tuple[int, ...], int]]:
-    """Each kind of particle that several scenes share, at the place of one scene for each different one of it, and the
-    index of each wavelength of an appearance."""
+    """Each kind of particle that scenes share, at one scene for each different one, and wavelength indices."""
     for name, lengths in list_shared_particles(sweep):
         yield from ((name, place, which) for place in np.ndindex(*lengths) for which in range(sweep.wavelengths))
 

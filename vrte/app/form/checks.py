@@ -120,8 +120,7 @@ def find_problems(
 
 
 def repair_field(content: Content, place: Place) -> None:
-    """Puts in something that is right, or nothing where that is; a layer in place of an interface, whose indices would
-    have to fit its neighbours'."""
+    """Puts in something right, or nothing; a layer in place of an interface, whose indices must fit its neighbours."""
     place = place[:2] if place[2:3] == ("interface",) else place
     if place[2:3] == ("phase",):
         form.put(content, (*place[:2], "tolerance"), None)  # which goes with a file alone

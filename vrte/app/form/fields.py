@@ -56,8 +56,7 @@ FIELDS = {  # by place, * being any layer or kind of particle: label, and what n
 
 
 def find_field(place: Place, content: dict[str, Any]) -> Key:
-    """What is declared of a place in a content: the key of a registry, with what FIELDS has besides; a key without a
-    label where there is no field."""
+    """The key of a registry at a place of a content, with what FIELDS adds; without a label there is no field."""
     steps = [str(step) for step in place]
     if place[0] in ("layer", "particles"):
         steps[1:2] = "*" * len(steps[1:2])

@@ -31,8 +31,7 @@ CHOOSE = "begin with a paint here, or with a material in the Gallery"
 
 @dataclass(frozen=True)
 class FormNumber:
-    """A number at a place of the form: its ``label``, its value at the ``start``, and from where to where it may go; a
-    slider goes by equal factors."""
+    """A number of the form: place, ``label``, value at the ``start``, and ends; a slider goes by equal factors."""
 
     place: Place
     label: str

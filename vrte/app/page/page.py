@@ -308,8 +308,7 @@ class Page:
 
 
 def show_gallery(solve: Callable[[Content], Any], fill: Callable[[Content, tuple[str, ...]], Any]) -> None:
-    """Offers scenes, to ``solve`` at once, and ready paints and materials, to ``fill`` the form with, beside the
-    sentences about their approximations."""
+    """Offers scenes, to ``solve`` at once, and ready paints and materials, to ``fill`` the form with."""
 
     def solve_scene(path: Path) -> None:
         dialog.close()

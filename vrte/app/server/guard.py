@@ -46,8 +46,7 @@ class RefusedError(Exception):
 
 
 class Guard:
-    """Stands before the page. ``host`` is what the server listens on; ``token`` what its address carries, which a
-    browser brings once and then has a cookie for."""
+    """Stands before the page at ``host``; its address carries the ``token``, for which a browser gets a cookie."""
 
     def __init__(self, app: Any, host: str, port: int) -> None:
         self.app, self.port = app, port
@@ -90,8 +89,7 @@ class Guard:
             await self._bounded(scope, headers, receive, send)
 
     def _check_names(self, scope: Any, headers: list[tuple[bytes, str]]) -> None:
-        """Whether a request is for this server by a name of its own, and comes from its own page or from none: names
-        of others may be made to lead here."""
+        """Whether a request uses a name of this server and comes from its own page or none: others may lead here."""
         hosts = [value for name, value in headers if name == b"host"]
         if len(hosts) != 1 or not self._is_own(hosts[0]):
             raise RefusedError(400, ELSEWHERE)

@@ -45,8 +45,7 @@ class Comparer:
         self.read: tuple[bytes, Measurement] | None = None
 
     def answer(self, exchange: Exchange, content: Content | None, folder: Path, data: bytes, suffix: str) -> Message:
-        """What the form's content, None while that is wrong, shows beside a measurement, a file's bytes; a new one is
-        reported at once, before the scene is solved."""
+        """What the form's content, if right, shows beside a measurement's bytes; a new one is reported at once."""
         if self.read is None or self.read[0] != data:
             self.read = data, read_limited(data, suffix)
             exchange.report(Compared(self.read[1], follows=True))
@@ -104,8 +103,7 @@ def predict_rows(
 
 
 def fit_scene(exchange: Exchange, content: Content, folder: Path, data: bytes, suffix: str, free: Free) -> Fitted:
-    """What a fit of the ``free`` numbers to a measurement finds, each step reported. Raises SceneError,
-    KeyboardInterrupt before the first step."""
+    """A fit of ``free`` numbers to a measurement, each step reported. Raises SceneError, KeyboardInterrupt."""
     exchange.report(Progress(0.0, "reading the measurement"))
     measured = read_limited(data, suffix)
     chosen, notes = choose_wavelength(content, measured)

@@ -146,8 +146,7 @@ def make_result_download(kind: str, outcome: Outcome, suffix: str, which: int = 
 
 
 def make_scene_download(content: Content, uploads: Uploads) -> tuple[str, bytes]:
-    """Name and bytes of the scene, in an archive with the files that it names. Raises SceneError where the wavelengths
-    are none, OSError where a file has gone."""
+    """Name and bytes of the scene, in an archive with the files that it names. Raises SceneError, OSError."""
     scene = write_content(content)
     named = [name for name in find_named_tables(content).values() if not Path(name).is_absolute()]
     names = sorted({name for name in named if ".." not in Path(name).parts} & uploads.names)  # those beside it
@@ -176,8 +175,7 @@ def choose_tensor_wavelengths(content: Content) -> tuple[float, ...]:
 
 
 def make_colours_download(live: Any, content: Content) -> tuple[str, bytes]:
-    """Name and bytes of what the tab Appearance shows of the form's scene, asked by the query ``live``. Raises
-    SceneError where it shows nothing, or not yet all."""
+    """Name and bytes of what the tab Appearance shows of the scene. Raises SceneError before it shows all."""
     from vrte.app.solving.appearance import Appeared
     from vrte.pictures.appearance import write_table
 

@@ -95,9 +95,8 @@ class Written(Message):
 
 @dataclass(frozen=True, eq=False)
 class Fitted(Message):
-    """What a fit found: ``content`` as it began, keys, values and errors (n,), inf or NaN where they are unknown,
-    correlations (n, n), chi2, what the scene then shows (rows,); in sentences what the data cannot tell and what else
-    is to be known; a page of all of it, b"" without."""
+    """What a fit found: ``content`` as it began, keys, values and errors (n,), inf or NaN if unknown, correlations (n,
+    n), chi2, predictions (rows,); sentences on blind spots, notes, a page or b""."""
 
     content: dict[str, Any]
     names: tuple[str, ...]
@@ -195,8 +194,7 @@ class NewerError(Exception):
 
 
 class Exchange:
-    """What an answer is worked out with: ``report`` messages that come before it, ``check`` whether it is still wanted,
-    and the ``notes`` that the library has warned of."""
+    """What an answer has: ``report`` for messages before it, ``check`` whether it is wanted, ``notes`` of warnings."""
 
     def __init__(self, report: Callable[[Message], None], is_old: Callable[[], bool] = lambda: False) -> None:
         self.report, self.is_old = report, is_old

@@ -108,8 +108,7 @@ def bound_multiple_scattering(request: Request) -> float:
 
 
 def bound_caught_share(thickness: float) -> float:
-    """A bound on 1 - E_2(tau/2), the chance that light from within a layer meets a particle before it leaves:
-    E_2(x) = e^-x - x E_1(x), and E_1(x) <= x - ln x - 0.577."""
+    """A bound on 1 - E_2(tau/2), by E_2(x) = e^-x - x E_1(x) and E_1(x) <= x - ln x - 0.577."""
     x = 0.5 * thickness
     return min(1.0, x * (1.0 - EULER - math.log(x) + x)) if x > 0.0 else 0.0
 

@@ -50,8 +50,7 @@ class Light:
 
 
 def divide_into_panels(thickness: float, scale: float, levels: int | None) -> Array:
-    """Edges of panels from 0 to the thickness: about as thick as the distance to the nearer face, not below ``scale``,
-    nor above 1 where ``levels`` is None."""
+    """Edges of panels, about as thick as the nearer face is far, at least ``scale``; by ``levels`` or 1 at most."""
     if thickness == 0.0:
         return np.zeros(1)
     # depths to look up, far closer than panels and evenly spaced where panels are
@@ -96,9 +95,8 @@ class Paths:
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """A slab that scatters, in its own medium: ``place`` in the stack, its layer, tops (below its own) and sizes of its
-    panels, each (panel,), and where they are among all; flux of unit beams from above and from below (n_in, S, n_col)
-    over the square of the index."""
+    """A slab that scatters: ``place`` in the stack, layer, tops and sizes of its panels (panel,), where they are among
+    all; fluxes of unit beams from above and below (n_in, S, n_col) over index^2."""
 
     place: int
     layer: int
@@ -139,8 +137,7 @@ class Section:
 
     @cached_property
     def paths(self) -> tuple[Array, Array, Array, Array]:
-        """Of light scattered once, per optical depth, (point + 2, n, n_in), at Gauss points, the top and the bottom: of
-        a beam from above, down and up, and of one from below."""
+        """Once-scattered light per optical depth, (point + 2, n, n_in): of a beam from above and one from below."""
         problem = self.on_nodes.problem
         levels = np.concatenate([self.depths.ravel(), [0.0, self.thickness]])
         mu = np.concatenate([-problem.nodes, problem.nodes])

@@ -46,8 +46,7 @@ MOST_SDA_DOUBLINGS = 60
 
 
 def connect_media(request: Request, problem: Problem) -> Problem:
-    """A request's problem with nodes that Snell's law links through its media, also where there is but one of these;
-    for I alone where only I is scattered and mirrored."""
+    """A request's problem with nodes that Snell's law links through its media; for I alone where it suffices."""
     scene = request.scene
     if problem.media is not None:
         return problem
@@ -396,8 +395,7 @@ def compute_growth(scattered: Scattered, both: Array, unscattered: Array, n: int
 
 
 def compute_step_weights(on_nodes: OnNodes, step: float) -> tuple[Array, Array]:
-    """Weights of the sources (R or T, point + 1, point, r, c), and what is left of R and T (R or T, point + 1, r, c),
-    at the Gauss points of the step and its end."""
+    """Weights of sources (2, point + 1, point, r, c), and decays (2, point + 1, r, c), at points and the end."""
     cosines, at = np.unique(np.concatenate([on_nodes.rows, on_nodes.columns]), return_inverse=True)
     rows, columns = at[: on_nodes.rows.size, None], at[on_nodes.rows.size :]
     once = step / cosines
@@ -415,8 +413,7 @@ def project_highest_degree(points: int) -> Array:
 
 
 def reflect_semi_infinite(on_nodes: OnNodes, scattered: Scattered, conserves: bool) -> tuple[Slab, int]:
-    """R (r, c) of a semi-infinite layer, b + a R + R a + R b R = R/mu + R/mu', and how many doublings it took;
-    ``conserves``: order 0 at albedo 1."""
+    """R (r, c) of a semi-infinite layer, and its doublings; ``conserves``: order 0 at albedo 1."""
     n, (ahead, back) = on_nodes.n, scattered
     rate, columns = 1.0 / on_nodes.rows, 1.0 / on_nodes.columns
     lost = np.diag(rate[:n]) - ahead[:n, :n]

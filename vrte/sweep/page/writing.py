@@ -92,9 +92,8 @@ def save_page(
     points: int = POINTS,
     folder: Path | None = None,
 ) -> dict[str, Array]:
-    """Writes a page with the lobes of tables of BRDFs by name, and returns its errors (points,) by exact solves at
-    random places between scenes and directions; ``folder`` has the files that the sweeps name. Raises SceneError for
-    what cannot be shown or exceeds 60 MB, OSError."""
+    """Writes a page with lobes of tables of BRDFs by name; its errors (points,) by exact solves between scenes and
+    directions; ``folder``: the sweeps' files. Raises SceneError, also above 60 MB, OSError."""
     if Path(path).suffix.lower() != SUFFIX:
         raise SceneError(f"the page {path} must end in {SUFFIX}")
     check_whole("points", points, 1, 1000)
