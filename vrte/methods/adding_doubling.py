@@ -8,15 +8,7 @@ import numpy as np
 from vrte.basics import cost
 from vrte.discrete_ordinates.orders.slabs import cut_layers
 from vrte.methods.parts.method import Answer, Task
-from vrte.methods.parts.slab import (
-    OnNodes,
-    Scattered,
-    Slab,
-    connect_media,
-    count_sizes,
-    make_thin_slab,
-    solve_by_slabs,
-)
+from vrte.methods.parts.slab import OnNodes, Scattered, Slab, connect_media, count_sizes, make_thin_slab, solve_by_slabs
 
 LOWEST = 1e-4  # cosine: below it starting layers are so thin that rounding is seen
 DARK = 1e-16  # transmission of a slab that may as well be semi-infinite

@@ -16,14 +16,7 @@ from vrte.basics.errors import AccuracyWarning, warn_user
 from vrte.basics.running import keep_to_one_thread
 from vrte.discrete_ordinates.planning.order_bounds import find_order_bounds
 from vrte.methods.parts.method import Answer, Fluxes, Settings, Task
-from vrte.methods.parts.sections import (
-    POINTS,
-    Light,
-    Order,
-    Sections,
-    divide_into_panels,
-    find_panel_scale,
-)
+from vrte.methods.parts.sections import POINTS, Light, Order, Sections, divide_into_panels, find_panel_scale
 from vrte.methods.parts.slab import connect_media, count_sizes
 from vrte.request.how import EXACT
 

@@ -44,15 +44,7 @@ from vrte.formats.toml_table import (
 from vrte.optics.particle_kind import find_host_index
 from vrte.optics.particles import Particles
 from vrte.optics.phase_matrix import isotropic
-from vrte.sweep.results import (
-    RESERVED,
-    TABLE,
-    AskedAppearance,
-    Results,
-    Sample,
-    describe_results,
-    read_asked,
-)
+from vrte.sweep.results import RESERVED, TABLE, AskedAppearance, Results, Sample, describe_results, read_asked
 
 AXIS_KEYS = ("key", "values", *RANGE_KEYS, "spacing", "along")
 MOST_AXES = 16
