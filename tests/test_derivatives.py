@@ -10,6 +10,8 @@ import pytest
 
 import vrte
 from vrte.basics.differences import sample_around
+from vrte.discrete_ordinates.derivatives import adjoint
+from vrte.discrete_ordinates.derivatives import differentiate as differentiating
 from vrte.discrete_ordinates.derivatives.differentiate import differentiate_plan, find_gap
 from vrte.discrete_ordinates.derivatives.functions import Decay
 from vrte.discrete_ordinates.derivatives.slab import step_aside
@@ -323,6 +325,25 @@ def test_the_adjoint_is_the_transpose(name: str) -> None:
         changed = found.jvp(variation) * weights
         assert abs(gradient.along(variation) - changed.sum()) < 1e-12 * np.abs(changed).sum(), variation.name
         assert np.abs(changed).sum() > 1e-6
+
+
+@pytest.mark.parametrize("allowed", [1e-9, -1.0])
+def test_invariance_finds_what_modes_find(allowed: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The tangent and the adjoint of the invariance equation; none of its orders is verified below 0, and all go
+    through slabs."""
+    for module in (differentiating, adjoint):
+        monkeypatch.setattr(module, "find_allowed_residuals", lambda accuracy: {"residual_of_invariance": allowed})
+    rng = np.random.default_rng(3)
+    scene = vrte.Scene([vrte.Layer(SPHERES, 0.9, np.inf)])
+    asked = {"mu_i": [0.3, 1.0], "mu_o": [0.2, 0.3, 0.9], "phi": [20.0, 150.0], "nodes": 8, "accuracy": 1e-12}
+    ways = [vrte.linearize(scene, algorithm=name, **asked) for name in ("invariance", "modes")]
+    assert "invariance" in ways[0].brdf.diagnostics["orders_by"]
+    weights = rng.standard_normal(ways[0].brdf.mueller.shape)
+    for variation in make_variations(scene):
+        got, right = (way.jvp(variation) for way in ways)
+        assert np.abs(got - right).max() < 1e-11 * np.abs(right).max()
+    got, right = (way.vjp(weights).coefficients[0] for way in ways)
+    assert np.abs(got - right).max() < 1e-11 * np.abs(right).max()
 
 
 def test_very_many_terms_are_pulled_back_in_closed_form() -> None:

@@ -5,9 +5,13 @@
 # V. A fixed point of it gains a factor of about q of `order_bounds` a step.
 
 cdef Job reflect_semi_infinite_job(Arrays* t) noexcept nogil:
+    return Job(t.n_order, invariance_doubles(t), 0)
+
+
+cdef size_t invariance_doubles(const Arrays* t) noexcept nogil:
+    """Scratch memory of `solve_invariance`."""
     cdef size_t n = t.n, u = t.stokes * t.n_off
-    return Job(t.n_order, (3 * t.n_placed + 12 * (n + u)) * t.n_term + t.n_node + n * n + u * n + 2 * u * u
-               + 6 * n * max(n, u), 0)
+    return (3 * t.n_placed + 12 * (n + u)) * t.n_term + t.n_node + n * n + u * n + 2 * u * u + 6 * n * max(n, u)
 
 
 cdef struct FactorColumns:
@@ -137,11 +141,19 @@ cdef void accelerate(int size, AndersonHistory* past, doubles R) noexcept nogil:
             R[k] = c0 * x[k] + c1 * y[k] + g2 * z[k]
 
 
+cdef struct Linear:
+    # a change of R, or the adjoint of one, as a fixed point of its own: what a step adds; whether rows are the nodes
+    bint adjoint, symmetric
+    given source
+    doubles spare       # two sheets of the rows
+
+
 cdef double fixed_point(const Expansion* x, FactorColumns* rows, FactorColumns* nodes, given mu_row, given mu_node,
                         double rate, double tolerance, bint halves, doubles R, doubles room, ints steps,
-                        given_ints stop) noexcept nogil:
+                        given_ints stop, const Linear* linear) noexcept nogil:
     """Fixed points for R of some rows until what is missing is below the tolerance; the rows may be the nodes. rate:
-    what a step gains at least; room: six matrices like R; halves: on the nodes alone, where H C H^T is symmetric."""
+    what a step gains at least; room: six matrices like R; halves: on the nodes alone, where H C H^T is symmetric.
+    With `linear`, which is NULL else, of the linearized equation."""
     cdef int step, kind, k, size = rows[0].rows * nodes[0].rows
     cdef double gap, largest, missing = 1.0
     cdef doubles new
@@ -151,19 +163,22 @@ cdef double fixed_point(const Expansion* x, FactorColumns* rows, FactorColumns* 
     for k in range(3):
         past.led[k], past.moved[k] = room + <size_t>2 * k * size, room + <size_t>(2 * k + 1) * size
     set_zero(size, R)
-    for kind in range(2):
+    for kind in range(2 if linear == NULL else 0):
         copy(<size_t>rows[kind].rows * rows[kind].columns, rows[kind].phi, rows[kind].H)
     for step in range(MOST_STEPS):
         new = past.led[0]
-        for kind in range(2):
+        for kind in range(2 if linear == NULL else 0):
             times_coefficients(x, kind, -1.0, rows[kind].rows, rows[kind].H, rows[kind].HC)
             if halves:
                 half_step_of(nodes[kind], -1.0 if kind else 1.0, new, 1.0 if kind else 0.0)
             else:
                 step_of(rows[kind], nodes[kind], -1.0 if kind else 1.0, new, 1.0 if kind else 0.0)
-        if halves:
-            mirror(nodes[0].rows, new)
-        divide_by_rates(x.p, rows[0].rows // x.p.stokes, mu_row, nodes[0].rows // x.p.stokes, mu_node, new)
+        if linear != NULL:
+            linear_step(x, linear, rows, nodes, mu_row, mu_node, R, new)
+        else:
+            if halves:
+                mirror(nodes[0].rows, new)
+            divide_by_rates(x.p, rows[0].rows // x.p.stokes, mu_row, nodes[0].rows // x.p.stokes, mu_node, new)
         for k in range(size):
             past.moved[0][k] = new[k] - R[k]
         gap, largest = largest_in(size, past.moved[0]), largest_in(size, new)
@@ -175,7 +190,7 @@ cdef double fixed_point(const Expansion* x, FactorColumns* rows, FactorColumns* 
         else:
             accelerate(size, &past, R)
             remember(size, &past)
-        for kind in range(2):
+        for kind in range(2 if linear == NULL else 0):
             renew(rows[kind], nodes[kind], -1.0 if kind else 1.0, R)
         if done:
             return 0.0 if largest == 0.0 else missing
@@ -186,46 +201,76 @@ cdef enum:
     STRIPS = 4     # that a symmetric product is made in
 
 
-cdef int reflect_semi_infinite_one(const void* task, int item, Workspace desk) noexcept nogil:
-    cdef const Arrays* t = <const Arrays*>task
-    cdef int m = t.orders[item], terms = t.terms[0], n_all = t.n_placed, n_node = t.n_node, n_off = t.n_off
-    cdef int stokes = t.stokes, n = t.n, u = stokes * n_off, kind, i, j, a, b, c, beam
-    cdef Expansion x = Expansion(parity_of(m, stokes, t.members), m, terms, t.albedo[0], t.coefficients)
-    cdef given directions = t.directions, off = directions + n_node, column
-    cdef doubles up = t.up + <size_t>item * t.n_in * t.n_col * stokes * t.n_out, residual = t.residual + item
-    cdef doubles on_nodes = t.on_nodes + <size_t>item * t.n_in * t.n_col * n
-    cdef doubles prt = desk.work, scale = prt + <size_t>3 * n_all * terms, R = scale + n_node
-    cdef doubles Ru = R + <size_t>n * n, Ruu = Ru + <size_t>u * n             # (u, n), (u, u)
-    cdef doubles new = Ruu + <size_t>u * u                                    # room for steps
-    cdef doubles memory = new + 6 * <size_t>n * max(n, u) + <size_t>u * u
-    cdef FactorColumns nodes[2]
-    cdef FactorColumns rows[2]
-    cdef double total, sign, rate = 0.0
-    spherical(m, terms, is_polar(x.p), directions, n_all, prt)
+cdef struct Invariant:
+    # one order of a semi-infinite layer: R from the nodes to the nodes (n, n) and off them (u, n), what R is made of
+    Expansion x
+    int n, u
+    given off
+    double rate, residual
+    doubles R, Ru, room
+    FactorColumns nodes[2]
+    FactorColumns rows[2]
+
+
+cdef doubles solve_invariance(const Arrays* t, int item, Workspace desk, Invariant* s) noexcept nogil:
+    """R of an order; the scratch memory behind it."""
+    cdef int m = t.orders[item], terms = t.terms[0], n_all = t.n_placed, n_node = t.n_node, i, kind
+    cdef given directions = t.directions
+    cdef doubles prt = desk.work, scale = prt + <size_t>3 * n_all * terms, memory
+    s.x = Expansion(parity_of(m, t.stokes, t.members), m, terms, t.albedo[0], t.coefficients)
+    s.n, s.u, s.off, s.rate = t.n, t.stokes * t.n_off, directions + n_node, 0.0
+    s.R = scale + n_node
+    s.Ru = s.R + <size_t>s.n * s.n
+    s.room = s.Ru + <size_t>s.u * s.n                                         # for steps, and then (u, u)
+    memory = s.room + 6 * <size_t>s.n * max(s.n, s.u) + 2 * <size_t>s.u * s.u
+    spherical(m, terms, is_polar(s.x.p), directions, n_all, prt)
     for i in range(m, terms):
-        rate = max(rate, t.albedo[0] * norm_of_coefficients(t.coefficients + 6 * i) / (2.0 * i + 1.0))
-    rate = min(rate, 0.999)
+        s.rate = max(s.rate, t.albedo[0] * norm_of_coefficients(t.coefficients + 6 * i) / (2.0 * i + 1.0))
+    s.rate = min(s.rate, 0.999)
     for i in range(n_node):
         scale[i] = sqrt(t.weights[i] / directions[i])
     for kind in range(2):
-        memory = sheet_at(memory, &x, kind, n_node, &nodes[kind])
-        memory = sheet_at(memory, &x, kind, n_off, &rows[kind])
-        parity_columns(&x, kind, prt, n_all, 0, n_node, scale, nodes[kind].phi)
-        parity_columns(&x, kind, prt, n_all, n_node, n_off, NULL, rows[kind].phi)
+        memory = sheet_at(memory, &s.x, kind, n_node, &s.nodes[kind])
+        memory = sheet_at(memory, &s.x, kind, t.n_off, &s.rows[kind])
+        parity_columns(&s.x, kind, prt, n_all, 0, n_node, scale, s.nodes[kind].phi)
+        parity_columns(&s.x, kind, prt, n_all, n_node, t.n_off, NULL, s.rows[kind].phi)
     t.steps[item] = 0
-    residual[0] = fixed_point(&x, nodes, nodes, directions, directions, rate, t.tolerance, t.halves, R, new,
-                              t.steps + item, desk.stop)
-    residual[0] = max(residual[0], fixed_point(&x, rows, nodes, off, directions, rate, t.tolerance, False, Ru, new,
-                                          t.steps + item, desk.stop))
+    s.residual = fixed_point(&s.x, s.nodes, s.nodes, directions, directions, s.rate, t.tolerance, t.halves, s.R, s.room,
+                             t.steps + item, desk.stop, NULL)
+    s.residual = max(s.residual, fixed_point(&s.x, s.rows, s.nodes, s.off, directions, s.rate, t.tolerance, False, s.Ru,
+                                             s.room, t.steps + item, desk.stop, NULL))
+    return memory
+
+
+cdef int reflect_semi_infinite_one(const void* task, int item, Workspace desk) noexcept nogil:
+    cdef const Arrays* t = <const Arrays*>task
+    cdef Invariant s
+    cdef int kind
+    cdef double sign
+    cdef doubles new
+    solve_invariance(t, item, desk, &s)
+    t.residual[item] = s.residual
     # from off the nodes to off the nodes, less what is scattered once
+    new = s.room
     for kind in range(2):
         sign = -1.0 if kind else 1.0
-        times_coefficients(&x, kind, -1.0, u, rows[kind].H, rows[kind].HC)
-        step_of(rows[kind], rows[kind], sign, new, 1.0 if kind else 0.0)
-        times_coefficients(&x, kind, -1.0, u, rows[kind].phi, rows[kind].HC)
-        product(b"N", b"T", u, u, rows[kind].columns, -sign, rows[kind].HC, u, rows[kind].phi, u, 1.0, new, u)
-    divide_by_rates(x.p, n_off, off, n_off, off, new)
-    copy(<size_t>u * u, new, Ruu)
+        times_coefficients(&s.x, kind, -1.0, s.u, s.rows[kind].H, s.rows[kind].HC)
+        step_of(s.rows[kind], s.rows[kind], sign, new, 1.0 if kind else 0.0)
+        times_coefficients(&s.x, kind, -1.0, s.u, s.rows[kind].phi, s.rows[kind].HC)
+        product(b"N", b"T", s.u, s.u, s.rows[kind].columns, -sign, s.rows[kind].HC, s.u, s.rows[kind].phi, s.u, 1.0,
+                new, s.u)
+    divide_by_rates(s.x.p, t.n_off, s.off, t.n_off, s.off, new)
+    light_of_beams(t, &s, new, s.Ru, t.up + <size_t>item * t.n_rhs * t.n_out_rows,
+              t.on_nodes + <size_t>item * t.n_rhs * s.n)
+    return 0
+
+
+cdef void light_of_beams(const Arrays* t, const Invariant* s, given Ruu, given Ru, doubles up,
+                         doubles on_nodes) noexcept nogil:
+    """Light off the nodes (n_rhs, S n_out) and on them (n_rhs, n) of beams, from R (u, u) and (u, n)."""
+    cdef int beam, c, i, j, a, b, stokes = t.stokes, V = s.x.p.place[3]
+    cdef double total, sign
+    cdef given column
     for beam in range(t.n_in):
         for c in range(t.n_col):
             column = t.columns + c * stokes
@@ -233,15 +278,14 @@ cdef int reflect_semi_infinite_one(const void* task, int item, Workspace desk) n
                 for a in range(stokes):
                     total = 0.0
                     for b in range(stokes):
-                        total += Ruu[<size_t>(stokes * t.in_places[beam] + b) * u
+                        total += Ruu[<size_t>(stokes * t.in_places[beam] + b) * s.u
                                      + stokes * t.out_places[i] + a] * column[b]
-                    up[i * stokes + a] = total / off[t.out_places[i]]
-            for j in range(n):                           # R_NI = Q Ru^T Q
+                    up[i * stokes + a] = total / s.off[t.out_places[i]]
+            for j in range(s.n):                         # R_NI = Q Ru^T Q
                 total = 0.0
                 for b in range(stokes):
-                    sign = -1.0 if (b == x.p.place[3]) != (j % stokes == x.p.place[3]) else 1.0
-                    total += sign * Ru[<size_t>j * u + stokes * t.in_places[beam] + b] * column[b]
+                    sign = -1.0 if (b == V) != (j % stokes == V) else 1.0
+                    total += sign * Ru[<size_t>j * s.u + stokes * t.in_places[beam] + b] * column[b]
                 on_nodes[j] = total
             up += t.n_out * stokes
-            on_nodes += n
-    return 0
+            on_nodes += s.n

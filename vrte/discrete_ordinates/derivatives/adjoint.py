@@ -23,6 +23,7 @@ from vrte.discrete_ordinates.derivatives.differentiate import (
     put_in_media,
     shorten_plan,
 )
+from vrte.discrete_ordinates.derivatives.semi_infinite import pull_semi_infinite
 from vrte.discrete_ordinates.derivatives.slab import Aside, Blocks, Side, SlabModes
 from vrte.discrete_ordinates.derivatives.slab_stack import Differentiating, OrderOfStack
 from vrte.discrete_ordinates.execution.carry_out import make_target
@@ -30,11 +31,13 @@ from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR
 from vrte.discrete_ordinates.execution.sums import Light, Part, Share, Target
 from vrte.discrete_ordinates.orders.beam_paths import BeamPaths
 from vrte.discrete_ordinates.orders.homogeneous import Modes, find_modes
+from vrte.discrete_ordinates.orders.invariance import find_allowed_residuals
 from vrte.discrete_ordinates.orders.media import ENTERING, LEAVING
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble, find_even_shifts
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.refracting import Slabs, spread
 from vrte.discrete_ordinates.orders.single_scattering import integrate_slab_paths
+from vrte.discrete_ordinates.planning.blocks import Block
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.optics.facets import FacetGeometry
 from vrte.optics.truncation import expand_peak
@@ -214,6 +217,8 @@ def collect_tables(plan: Plan, cotangent: Array, run: Run) -> tuple[list[Array],
     with PROCESSOR.at_work(), run.timed("derivatives"):
         for block in plan.blocks:
             orders = block.orders[block.orders < plan.orders]
+            if orders.size and block.choice.name == "invariance":
+                orders = pull_block_by_invariance(plan, block, orders, target, cotangent, multiple[0], run)
             if not orders.size:
                 continue
             own, base = put_block_in_media(plan, block), block.base
@@ -232,6 +237,21 @@ def collect_tables(plan: Plan, cotangent: Array, run: Run) -> tuple[list[Array],
         weights = cotangent[..., plan.wanted.place] * plan.wanted.scale[:, None, None, None, None]
         pull_once(BeamPaths(replace(problem, stokes=ALL), BLACK, 1, 1.0), plan.request.phi, weights, single)
     return multiple, single
+
+
+def pull_block_by_invariance(
+    plan: Plan, block: Block, orders: IntArray, target: Target, cotangent: Array, table: Array, run: Run
+) -> IntArray:
+    """Adds what orders of a semi-infinite layer have; those that invariance does not verify."""
+    problem, weights = block.problem, []
+    for order in orders.tolist():
+        of_kernels = weigh_kernels(target, order, block.stokes, block.columns, cotangent)
+        weights.append(np.einsum("oaic,cb,a->iboa", of_kernels, problem.columns, problem.flip / (2.0 * np.pi)))
+    shape = orders.size, -1, problem.rows_out
+    gradient, residual = pull_semi_infinite(problem, np.reshape(weights, shape), orders, plan.accuracy, run)
+    good = residual <= find_allowed_residuals(plan.accuracy)["residual_of_invariance"]
+    table[: gradient.shape[1]] += gradient[good].sum(axis=0)
+    return orders[~good]
 
 
 def prepare_orders(route: Differentiating, orders: IntArray, run: Run) -> Prepared:

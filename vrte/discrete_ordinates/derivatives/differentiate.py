@@ -1,24 +1,26 @@
 """Derivatives of what a plan asks for, one for each variation: orders, light scattered once, and fluxes."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from vrte.basics.arrays import Array
+from vrte.basics.arrays import Array, IntArray
 from vrte.basics.errors import AccuracyError, SceneError
 from vrte.basics.quadrature import make_refracted_nodes
 from vrte.basics.running import Progress, Run
-from vrte.discrete_ordinates.derivatives.changes import find_change
+from vrte.discrete_ordinates.derivatives.changes import change_layer, find_change
 from vrte.discrete_ordinates.derivatives.once import list_changed_vertices
-from vrte.discrete_ordinates.derivatives.slab_stack import Differentiating
+from vrte.discrete_ordinates.derivatives.semi_infinite import change_semi_infinite
+from vrte.discrete_ordinates.derivatives.slab_stack import ChangedOrders, Differentiating
 from vrte.discrete_ordinates.execution.carry_out import make_target
 from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR, choose_threads
 from vrte.discrete_ordinates.execution.sums import Light, Share, Target, make_parts
 from vrte.discrete_ordinates.execution.through_interfaces import Vertex, show_vertices
 from vrte.discrete_ordinates.orders.beam_paths import BeamPaths
+from vrte.discrete_ordinates.orders.invariance import find_allowed_residuals
 from vrte.discrete_ordinates.orders.media import Media, Sights
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.skip_flags import EVERYTHING
@@ -206,12 +208,7 @@ def differentiate_part(
             orders = block.orders[block.orders < plan.orders]
             if not orders.size:
                 continue
-            own = put_block_in_media(plan, block)
-            route = Differentiating(own, block.base, int(orders[-1]) + 1, plan.accuracy, variations, carried)
-            own_run, step = choose_threads(run, own, orders), route.chunk(run.threads)
-            for first in range(0, orders.size, step):
-                some = orders[first : first + step]
-                found = route.differentiate(some, own_run)
+            for some, found in differentiate_block(plan, block, orders, variations, run):
                 worst = max(worst, float(found.residual.max()))
                 for k in range(len(variations)):
                     lights[k].append(
@@ -240,6 +237,30 @@ def differentiate_part(
         diagnostics = {"residual_of_modes": worst, "wall_seconds": time.perf_counter() - start}
         solutions.append(Solution(values[k], flux[k, 0] + peaks[0], flux[k, 1] + peaks[1], diagnostics))
     return solutions
+
+
+def differentiate_block(
+    plan: Plan, block: Block, orders: IntArray, variations: Sequence[Variation], run: Run
+) -> Iterator[tuple[IntArray, ChangedOrders]]:
+    """Some of a block's orders at a time, with their derivatives: by invariance what its light is found by, but for
+    orders that this does not verify, and through slabs all else."""
+    carried, problem = find_carried(plan), block.problem
+    own_run = choose_threads(run, problem, orders)
+    if block.choice.name == "invariance":
+        scene, whole = plan.request.scene, plan.problem
+        tables = [change_layer(whole, scene, 0, variation, carried).scattering for variation in variations]
+        found = change_semi_infinite(problem, tables, orders, plan.accuracy, own_run)
+        good = found.residual <= find_allowed_residuals(plan.accuracy)["residual_of_invariance"]
+        if good.any():
+            yield orders[good], ChangedOrders(found.kernels[:, good], found.flux, np.zeros(1))
+        orders = orders[~good]
+    if orders.size:
+        own = put_block_in_media(plan, block)
+        route = Differentiating(own, block.base, int(orders[-1]) + 1, plan.accuracy, variations, carried)
+        step = route.chunk(run.threads)
+        for first in range(0, orders.size, step):
+            some = orders[first : first + step]
+            yield some, route.differentiate(some, own_run)
 
 
 def find_carried(plan: Plan) -> int:

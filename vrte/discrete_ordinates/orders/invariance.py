@@ -1,6 +1,7 @@
 """Reflection of a semi-infinite layer by invariance: Ambarzumian's functions as matrices, without an eigenproblem."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -27,28 +28,33 @@ class Reflected:
 
 def reflect_semi_infinite(problem: Problem, orders: IntArray, tolerance: float, run: Run) -> Reflected:
     """What the first layer of a problem, taken as semi-infinite, sends back in each order."""
-    off, indices = problem.off_nodes
     n_out, n_in, n_col = problem.mu_out.size, problem.mu0.size, problem.columns.shape[0]
     with run.timed("invariance") as crew:
-        found = run.kernels.reflect_semi_infinite(
-            crew,
-            orders=orders,
-            members=np.array(problem.stokes, np.int32),
-            coefficients=problem.coefficients[:1],
-            terms=problem.terms[:1],
-            albedo=problem.albedo[:1],
-            directions=np.concatenate([problem.nodes, off]),
-            weights=problem.weights,
-            out_places=indices[:n_out],
-            in_places=indices[n_out:],
-            columns=problem.columns,
-            tolerance=tolerance,
-            halves=problem.skip_flags.halves,
-        )
+        asked = list_arguments(problem, orders, tolerance)
+        found = run.kernels.reflect_semi_infinite(crew, columns=problem.columns, **asked)
     kernels = found.pop("up").reshape(orders.size, 1, n_in, n_col, n_out, len(problem.stokes))
     kernels[..., : problem.n_up, :] *= problem.flip / (2.0 * np.pi)
     kernels[..., problem.n_up :, :] = 0.0  # nothing comes down upon the top
     return Reflected(kernels, **found)
+
+
+def list_arguments(problem: Problem, orders: IntArray, tolerance: float) -> dict[str, Any]:
+    """What the stages of a semi-infinite layer read, but for beams."""
+    off, indices = problem.off_nodes
+    n_out = problem.mu_out.size
+    return {
+        "orders": orders,
+        "members": np.array(problem.stokes, np.int32),
+        "coefficients": problem.coefficients[:1],
+        "terms": problem.terms[:1],
+        "albedo": problem.albedo[:1],
+        "directions": np.concatenate([problem.nodes, off]),
+        "weights": problem.weights,
+        "out_places": indices[:n_out],
+        "in_places": indices[n_out:],
+        "tolerance": tolerance,
+        "halves": problem.skip_flags.halves,
+    }
 
 
 def find_flux_up(problem: Problem, on_nodes: Array) -> Array:
