@@ -1,4 +1,4 @@
-# How the top of a semi-infinite layer changes with its scattering: the invariance equation, linearized. With B = omega C
+# How the top of a semi-infinite layer changes with its scattering: the invariance equation, linearized. With albedo B
 # of E (s = 1) and of F (s = -1) and H = phi + s R phi, R is D o (the sum of s H B H'^T), D = 1/(1/mu + 1/mu'). Hence
 # dR = D o (the sum of s dH B H'^T + s H B dH'^T + s H dB H'^T), dH = s dR phi: a fixed point, on the nodes, then off
 # them. Backwards, from the derivatives with R to those with B, it is that of L = D o (the sum of L H B phi^T + ...).
