@@ -5,9 +5,11 @@ cdef extern from "core/gains.h":
     ctypedef struct vrte_arrival:
         int rows, upward, decaying
         double left, far, thickness
-        const double *mu, *passed, *decayed, *half, *gone
-    ctypedef void vrte_real_gains_form(const vrte_arrival*, double, const double*, const double*, const double*,
-                                       double*, double*, double*) noexcept nogil
+        const double *mu, *passed, *decayed, *half, *gone, *moments
+    enum: VRTE_MOMENTS
+    void vrte_odd_moments(const vrte_arrival*, double*) noexcept nogil
+    ctypedef void vrte_real_gains_form(const vrte_arrival*, double, const double*, const double*, double*, double*,
+                                       double*) noexcept nogil
     vrte_real_gains_form* vrte_real_gains_best(bint wide) noexcept nogil
 
 
@@ -57,9 +59,12 @@ cdef inline double beam_down(double mu, double mu0, double depth) noexcept nogil
     return (depth / mu) * exp_difference(make(-depth / mu0, 0.0), make(-depth / mu, 0.0)).real
 
 
+cdef enum: ARRIVAL = 5 + VRTE_MOMENTS     # doubles of a row that `arrival_of` fills
+
+
 cdef Job reconstruct_job(Arrays* t) noexcept nogil:
     cdef size_t n = t.n, rows = t.n_out_rows, r = t.n_rhs
-    return Job(t.n_order, 2 * rows * n * t.n_layer + 5 * rows * r + 3 * rows * n + n * r + 2 * n + 6 * rows, 0)
+    return Job(t.n_order, 2 * rows * n * t.n_layer + 5 * rows * r + 3 * rows * n + n * r + 2 * n + ARRIVAL * rows, 0)
 
 
 cdef struct Path:
@@ -141,7 +146,7 @@ cdef void through_layer(Path* path, given entering, doubles out, doubles work) n
     cdef doubles first = fed + <size_t>n * n_rhs          # beam_gain c, beam_gain c D, g_f zeta
     cdef doubles second = first + <size_t>used * n_rhs, third = second + <size_t>used * n_rhs
     cdef cplx* response = <cplx*>(third + <size_t>used * n_rhs)
-    cdef doubles along = <doubles>(response + n), sine = along + 5 * used      # mu of each row; an integral over sinh
+    cdef doubles along = <doubles>(response + n)                               # mu of each row
     cdef vrte_arrival arrival
     if n_mu == 0:
         return
@@ -154,12 +159,12 @@ cdef void through_layer(Path* path, given entering, doubles out, doubles work) n
     path.far = depth if upward else thickness - left
     for i in range(used):
         along[i] = mu_out[i // stokes]
-    arrival = arrival_of(used, upward, a.decaying, left, path.far, thickness, along)
+    arrival = arrival_of(used, upward, a.decaying, left, path.far, thickness, slowest_rate(a), along)
     while j < n:
         column = <size_t>j * used
         if a.lam_im[j] == 0.0:
-            gains_of_mode(True, &arrival, a.lam_re[j], path.g_e + <size_t>j * rows, path.g_f + <size_t>j * rows, sine,
-                          even_gain + column, odd_gain + column, beam_gain + column)
+            vrte_real_gains_best(True)(&arrival, a.lam_re[j], path.g_e + <size_t>j * rows, path.g_f + <size_t>j * rows,
+                                       even_gain + column, odd_gain + column, beam_gain + column)
             j = j + 1
         else:
             pair_gains(path, j, even_gain + column, odd_gain + column, beam_gain + column)
@@ -197,8 +202,9 @@ cdef void through_layer(Path* path, given entering, doubles out, doubles work) n
 
 
 cdef vrte_arrival arrival_of(int rows, bint upward, bint decaying, double left, double far, double thickness,
-                             doubles mu) noexcept nogil:
-    """The rows' mu (rows,) and, behind it, left/mu, e^(-left/mu), its root, and 1 - e^(-left/mu), which are filled."""
+                             double slowest, doubles mu) noexcept nogil:
+    """The rows' mu (rows,) and, behind it, left/mu, e^(-left/mu), its root, 1 - e^(-left/mu) and moments, which are
+    filled; slowest: the smallest rate of the modes."""
     cdef doubles passed = mu + rows, decayed = passed + rows, half = decayed + rows, gone = half + rows
     cdef double along
     cdef int i
@@ -206,24 +212,16 @@ cdef vrte_arrival arrival_of(int rows, bint upward, bint decaying, double left, 
         along = left / mu[i]
         decayed[i], half[i], gone[i] = exp(-along), exp(-0.5 * along), -expm1(-along)
         passed[i] = along if left < SEMI_INFINITE else 0.0
-    return vrte_arrival(rows, upward, decaying, left, far, thickness, mu, passed, decayed, half, gone)
-
-
-cdef void gains_of_mode(bint wide, const vrte_arrival* arrival, double lam, given g_e, given g_f, doubles sine,
-                        doubles even, doubles odd, doubles beam) noexcept nogil:
-    """Columns of the gains of `through_layer` for one real mode; sine (rows,): scratch memory."""
-    cdef double k = sqrt(lam)
-    cdef bint flat = not arrival.decaying and k * arrival.thickness <= 1.0
-    cdef cplx cosine, integral
-    cdef int i
-    for i in range(arrival.rows if flat else 0):
-        hyperbolic_integrals(make(k, 0.0), arrival.mu[i], arrival.thickness, arrival.far, &cosine, &integral)
-        sine[i] = integral.real
-    vrte_real_gains_best(wide)(arrival, lam, sine if flat else NULL, g_e, g_f, even, odd, beam)
+    cdef vrte_arrival arrival = vrte_arrival(rows, upward, decaying, left, far, thickness, mu, passed, decayed, half,
+                                             gone, NULL)
+    if not decaying and slowest * thickness <= 1.0:
+        vrte_odd_moments(&arrival, gone + rows)
+        arrival.moments = gone + rows
+    return arrival
 
 
 cdef Job real_gains_job(Arrays* t) noexcept nogil:
-    return Job(1, 6 * <size_t>t.n_row, 0)
+    return Job(1, <size_t>ARRIVAL * t.n_row, 0)
 
 
 cdef int real_gains_one(const void* task, int item, Workspace desk) noexcept nogil:
@@ -232,9 +230,9 @@ cdef int real_gains_one(const void* task, int item, Workspace desk) noexcept nog
     cdef double left = t.whole_layer - t.depth if t.upward else t.depth
     copy(rows, t.row_mu, desk.work)
     cdef vrte_arrival arrival = arrival_of(rows, t.upward, t.decays, left,
-                                           t.depth if t.upward else t.whole_layer - left, t.whole_layer, desk.work)
-    gains_of_mode(t.wide, &arrival, t.lam, t.row_g, t.row_g + rows, desk.work + 5 * rows, t.gains, t.gains + rows,
-                  t.gains + 2 * rows)
+                                           t.depth if t.upward else t.whole_layer - left, t.whole_layer, sqrt(t.lam),
+                                           desk.work)
+    vrte_real_gains_best(t.wide)(&arrival, t.lam, t.row_g, t.row_g + rows, t.gains, t.gains + rows, t.gains + 2 * rows)
     return 0
 
 

@@ -4,7 +4,7 @@
 
 def response_work(n, n_rhs, rows):
     """Doubles of scratch memory that one thread of `respond` needs."""
-    return 4 * n * n + 6 * n * (n + n_rhs) + 5 * n * n_rhs + rows * (6 * n + 4 * n_rhs + 6) + 24 * n
+    return 4 * n * n + 6 * n * (n + n_rhs) + 5 * n * n_rhs + rows * (6 * n + 4 * n_rhs + ARRIVAL) + 24 * n
 
 
 cdef struct Responding:
