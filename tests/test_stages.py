@@ -248,10 +248,28 @@ def test_a_stack_of_media_is_one_linear_system(has_base: bool) -> None:
         light[:, k, 0, :, : n - m] = light[:, k + 1, 1, :, : n - m] = 0.0
     light[:, -1, 2] = random.standard_normal((orders, r, n))
     sources = light.copy()
-    residual, info = np.zeros(orders), np.zeros(orders, np.int32)
-    with Run(1).timed("joining") as crew:
-        named = {"slabs": slabs, "interfaces": interfaces, "kind": kind, "base_row": row, "base": base, "stokes": S}
-        _core.join_media(crew, **named, light=light, residual=residual, info=info)
+
+    def join() -> Any:
+        smooth = [part for part, k in zip(interfaces, kind, strict=True) if k == 1]
+        rough = [part.swapaxes(-1, -2) for part, k in zip(interfaces, kind, strict=True) if k == 2]
+        begins = np.cumsum([0, *(part.size for part in slabs[:-1])])
+        with Run(1).timed("joining") as crew:
+            return _core.join_media(
+                crew,
+                pieces=np.concatenate([part.ravel() for part in slabs]),
+                slab_size=np.array(sizes, np.int32),
+                slab_at=begins.astype(np.int32),
+                kind=kind,
+                which=np.array([0, 1, 0, 0, 2], np.int32),
+                smooth=np.concatenate(smooth),
+                rough=np.ascontiguousarray(np.stack(rough)),
+                base_row=row,
+                base=base,
+                stokes=S,
+                light=light,
+            )
+
+    residual = join()["residual"]
     rising, arriving, leaving, entering = range(4)
     for order in range(orders):
         system = np.eye(kind.size * 4 * n).reshape(kind.size, 4, n, kind.size, 4, n)
@@ -287,6 +305,4 @@ def test_a_stack_of_media_is_one_linear_system(has_base: bool) -> None:
     slabs[1][:, 0] = np.eye(8)  # light that nothing absorbs between mirrors
     interfaces[1] = np.zeros((1, 4, n, S))
     interfaces[1][0, 1] = np.tile(np.eye(S), (N, 1))
-    with Run(1).timed("joining") as crew:
-        _core.join_media(crew, **named, light=light, residual=residual, info=info)
-    assert info.all()
+    assert join()["info"].all()

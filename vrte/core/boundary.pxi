@@ -54,20 +54,21 @@ cdef inline cplx beam_response(cplx k, double rate, double depth) noexcept nogil
 
 cdef Job boundary_job(Arrays* t) noexcept nogil:
     cdef size_t n = t.n, n_layer = t.n_layer, r = t.n_rhs
-    return Job(t.n_order, 5 * n_layer * n * (n + r) + 4 * n * n + 5 * n * r + (10 + 2 * n_layer) * n,
-               (2 * n_layer + 1) * n)
+    return Job(t.n_order, 5 * n_layer * n * (n + r) + stack_doubles(n, r) + 3 * n * n + 7 * n * r
+               + (10 + 2 * n_layer) * n, (2 * n_layer + 1) * n)
 
 
 cdef struct Slab:
-    # one layer of an order
+    # one layer of an order; T is a diagonal (n,) where it does not scatter
     Modes modes
     int n_rhs, per_beam
     given c, zeta, mu0
     double above
     doubles even_lu, odd_lu      # the two systems, factorised
     doubles R, T, G              # G: from what falls at the bottom to what goes up there
-    doubles top, rising, falling # the beam's field: down at the top; up and down at the bottom (n_rhs, n)
-    doubles emitted, g           # down and up at the bottom where nothing falls in
+    doubles top, rising          # the beam's field: down at the top; up at the bottom (n_rhs, n)
+    doubles up, down             # the beam's field: up at the top, down at the bottom; then all that the slab sends out
+    doubles g                    # what comes up at the bottom where nothing falls in
     cplx* tangents               # tanh(k thickness/2)/k, (n,), unless all decays
     ints pivots
 
@@ -84,100 +85,88 @@ cdef Slab slab_at(const Arrays* t, int item, int layer, Workspace desk) noexcept
         desk.pivots + 2 * layer * n)
 
 
+# (1:57)-(1:65)
 cdef int boundary_one(const void* task, int item, Workspace desk) noexcept nogil:
     cdef const Arrays* t = <const Arrays*>task
     cdef int n = t.n, n_layer = t.n_layer, n_rhs = t.n_rhs, layer, info, row = t.base_row[item]
     cdef int first = first_layer(t.slab_stack, n_layer, item), last = first + n_layer - 1
     cdef size_t nn = <size_t>n * n, nr = <size_t>n * n_rhs, i, at
     cdef bint topped = t.top_row != NULL and t.top_row[item] >= 0, joined = n_layer > 1 or row >= 0 or topped
-    cdef double missing = 0.0
     cdef doubles scratch = desk.work + 5 * n_layer * (nn + nr) + 2 * n_layer * n
-    cdef doubles below = scratch + 3 * nn + 8 * n, up = below + nn
-    cdef doubles down = up + nr, falling = down + nr, spare = falling + nr      # spare: 2 n n_rhs + 2 n
-    cdef doubles base_down = t.base_down + item * nr
-    cdef ints pivots_below = desk.pivots + 2 * n_layer * n
+    cdef doubles up = scratch + 3 * nn + 8 * n, down = up + nr, falling = down + nr, g = falling + nr
+    cdef doubles right = g + nr, spare = right + nr, memory = spare + 2 * nr + 2 * n        # spare: 2 n n_rhs + 2 n
+    cdef Stack stack = stack_at(n, n_rhs, memory, desk.pivots + 2 * n_layer * n, False)
+    cdef Element one
     cdef Slab slab
-    for layer in range(n_layer):
+    set_zero(nr, up)
+    if row >= 0:
+        copy(nn, t.base + row * nn, stack.below)
+        stack.dark = False
+        for i in range(nr if t.n_sent == 0 else 0):
+            up[i] = t.base_source[row * nr + i] * exp(
+                -(t.above[last] + t.thickness[last]) / t.mu0[i // (t.n_rhs // t.n_in * <size_t>n)])
+    for layer in range(n_layer - 1, -1, -1):
         slab = slab_at(t, item, layer, desk)
         slab.modes.decaying = (
             t.thickness[first + layer] > SEMI_INFINITE
             or slowest_rate(&slab.modes) * t.thickness[first + layer] > DECAYING)
         t.decaying[<size_t>item * n_layer + layer] = slab.modes.decaying
         info = slab_systems(&slab, scratch, spare)
-        if info != 0:
-            return info
-    set_zero(nn + nr, below)                                                    # and up
-    if row >= 0:
-        copy(nn, t.base + row * nn, below)
-        for i in range(nr if t.n_sent == 0 else 0):
-            up[i] = t.base_source[row * nr + i] * exp(
-                -(t.above[last] + t.thickness[last]) / t.mu0[i // (slab.per_beam * <size_t>n)])
-    for layer in range(n_layer - 1 if joined else -1, -1, -1):
-        slab = slab_at(t, item, layer, desk)
-        if t.clear_layers[first + layer]:
-            join_clear_layer(&slab, below, up)
-            continue
-        info = join_layer(&slab, row < 0 and layer == n_layer - 1, pivots_below, below, up, scratch, spare)
+        if info == 0 and joined:
+            if t.clear_layers[first + layer]:
+                clear_layer(&slab)
+            else:
+                info = reflect_by_modes(&slab, stack.pivots, scratch, spare)
+                emit(&slab, scratch)
+            one = layer_element(&slab, t.clear_layers[first + layer])
+            if info == 0:
+                info = add(&stack, &one, slab.down, up, slab.up, up, slab.G if layer > 0 or topped else NULL, slab.g)
         if info != 0:
             return info
     set_zero(nr, down)
     if topped:
-        if t.n_sent > 0:
-            copy(nr, t.sent + item * nr, down)
-        info = send_back(t, t.top + t.top_row[item] * <size_t>n * t.block, below, up, down, pivots_below, scratch,
-                         spare, &missing)
+        one = Element(n, t.block, NULL, t.top + t.top_row[item] * <size_t>n * t.block, NULL, NULL)
+        stack.checked = True
+        info = add(&stack, &one, t.sent + item * nr if t.n_sent > 0 else NULL, up, up, up, NULL, g)
         if info != 0:
             return info
+        share(&one, one.below, n_rhs, g, n, down, n)
         if t.n_sent > 0:
-            copy(nr, up, t.rising + item * nr)
-            multiply(n, n_rhs, n, 1.0, below, down, 1.0, t.rising + item * nr)
+            copy(nr, g, t.rising + item * nr)
+            for i in range(nr):
+                down[i] += t.sent[item * nr + i]
     for layer in range(n_layer):
         slab = slab_at(t, item, layer, desk)
-        if joined:          # up = G (T down + emitted) + g at the layer's bottom
-            copy(nr, slab.emitted, falling)
-            multiply(n, n_rhs, n, 1.0, slab.T, down, 1.0, falling)
-            copy(nr, slab.g, up)
-            multiply(n, n_rhs, n, 1.0, slab.G, falling, 1.0, up)
-            multiply(n, n_rhs, n, 1.0, slab.R, up, 1.0, falling)
+        if joined:
+            one = layer_element(&slab, t.clear_layers[first + layer])
+            copy(nr, slab.down, falling)
+            go_down(n, n_rhs, &one, down, slab.G if layer > 0 or topped else NULL, slab.g, up, falling, right)
         else:
             set_zero(nr, up)
         for i in range(nr):
             down[i] -= slab.top[i]
             up[i] -= slab.rising[i]
         at = <size_t>item * n_layer + layer
-        t.residual[at] = max(missing, amplitudes(&slab, down, up, t.even + at * nr, t.odd + at * nr, scratch, spare))
+        t.residual[at] = max(stack.missing,
+                             amplitudes(&slab, down, up, t.even + at * nr, t.odd + at * nr, scratch, spare))
         copy(nr, falling, down)
     if joined:
-        copy(nr, down, base_down)
+        copy(nr, down, t.base_down + item * nr)
     else:
-        set_zero(nr, base_down)
+        set_zero(nr, t.base_down + item * nr)
     return 0
 
 
-cdef int send_back(const Arrays* t, given top, given below, given up, doubles down, ints pivots, doubles scratch,
-                   doubles spare, double* missing) noexcept nogil:
-    """down <- (1 - top below)^-1 (top up + down): what the interface above sends down beside what it sends back of the
-    light that comes out; missing: the relative residual."""
-    cdef int n = t.n, b = t.block, i, k, info
-    cdef size_t nn = <size_t>n * n, nr = <size_t>n * t.n_rhs
-    cdef doubles kept = scratch + nn
-    cdef double largest
-    for k in range(n // b):
-        i = k * b
-        product(b"T", b"N", b, n, b, -1.0, top + <size_t>i * b, b, below + i, n, 0.0, scratch + i, n)
-        product(b"T", b"N", b, t.n_rhs, b, 1.0, top + <size_t>i * b, b, up + i, n, 1.0, down + i, n)
+cdef inline Element layer_element(const Slab* slab, bint clear) noexcept nogil:
+    return Element(slab.modes.n, 1, NULL, NULL, slab.T, slab.T) if clear else slab_element(slab.modes.n, slab.R, slab.T)
+
+
+cdef void clear_layer(const Slab* slab) noexcept nogil:
+    """Where nothing scatters: T = e^(-thickness/mu), a diagonal, and the beam has no field of its own."""
+    cdef int n = slab.modes.n, i
     for i in range(n):
-        scratch[<size_t>i * n + i] += 1.0
-    copy(nn, scratch, kept)
-    copy(nr, down, spare)
-    info = factorise(n, scratch, n, pivots)
-    if info != 0:
-        return info
-    solve(n, t.n_rhs, scratch, pivots, down, n)
-    largest = largest_of(nr, spare)
-    multiply(n, t.n_rhs, n, -1.0, kept, down, 1.0, spare)
-    missing[0] = largest_of(nr, spare) / largest if largest > NO_LIGHT else 0.0
-    return 0
+        slab.T[i] = exp(-slab.modes.thickness * sqrt(slab.modes.lam_re[i]))
+    set_zero(2 * <size_t>n * slab.n_rhs, slab.up)                               # and down
 
 
 # (1:45)
@@ -197,8 +186,14 @@ cdef void slab_matrix(const Slab* slab, bint is_odd, doubles matrix, doubles spa
         matrix[i] += a.Y[i] if is_odd else a.X[i]
 
 
+cdef inline bint is_thin(const Modes* a) noexcept nogil:
+    """Whether what leaves a slab is told from what enters it: not where it is so thick that little gets through."""
+    return a.thickness < 1.0
+
+
 cdef int slab_systems(Slab* slab, doubles scratch, doubles spare) noexcept nogil:
-    """Factorises the two systems of a slab; the beam's field at its top and bottom."""
+    """Factorises the two systems of a slab; the beam's field at both faces. What leaves a thin slab is less what enters
+    on the other face: as little as the slab is thick."""
     cdef const Modes* a = &slab.modes
     cdef int n = a.n, info, beam, j, r, i
     cdef size_t nr = <size_t>n * slab.n_rhs, at
@@ -214,29 +209,29 @@ cdef int slab_systems(Slab* slab, doubles scratch, doubles spare) noexcept nogil
         slab_matrix(slab, True, slab.odd_lu, spare)
         info = factorise(n, slab.odd_lu, n, slab.pivots + n)
     multiply(n, slab.n_rhs, n, 0.5, a.Y, slab.zeta, 0.0, slab.top)
-    set_zero(2 * nr, slab.rising)                                               # and falling
     for r in range(slab.n_rhs):
         beam, at = r // slab.per_beam, <size_t>r * n
         at_top = exp(-slab.above / slab.mu0[beam])
-        for i in range(n):
-            slab.top[at + i] *= at_top
-        if a.thickness > SEMI_INFINITE:
-            continue
-        at_bottom = exp(-a.thickness / slab.mu0[beam])
-        if r % slab.per_beam == 0:
-            for j in range(n):
-                k = rate_of(a, j)
+        for j in range(n if r % slab.per_beam == 0 else 0):
+            k = rate_of(a, j)
+            response[j] = make(0.0, 0.0)
+            if a.thickness < SEMI_INFINITE:
                 response[j] = beam_response(k, 1.0 / slab.mu0[beam], a.thickness)
-                response[n + j] = times(k, response[j])
+            response[n + j] = times(k, response[j])
         scale_coordinates(n, a.lam_im, response, slab.c + at, y)
         scale_coordinates(n, a.lam_im, response + n, slab.c + at, z)
+        at_bottom = -a.thickness / slab.mu0[beam]
+        at_bottom = expm1(at_bottom) if is_thin(a) else exp(at_bottom)
         for j in range(n):
             z[j] += slab.zeta[at + j] * at_bottom
         multiply(n, 1, n, 0.5 * at_top, a.X, y, 0.0, xy)
         multiply(n, 1, n, 0.5 * at_top, a.Y, z, 0.0, xy + n)
-        for j in range(n):
-            slab.rising[at + j] = xy[j] - xy[n + j]
-            slab.falling[at + j] = xy[j] + xy[n + j]
+        for i in range(n):
+            slab.top[at + i] *= at_top
+            slab.rising[at + i], slab.down[at + i] = xy[i] - xy[n + i], xy[i] + xy[n + i]
+            slab.up[at + i] = -slab.rising[at + i] if is_thin(a) else -slab.top[at + i]
+            if is_thin(a):
+                slab.rising[at + i] -= slab.top[at + i]
     return info
 
 
@@ -275,80 +270,45 @@ cdef int decaying_slab(const Slab* slab, ints pivots_inner, doubles scratch, dou
 
 
 # (1:57)-(1:65)
-cdef int join_layer(const Slab* slab, bint lowest, ints pivots_below, doubles below, doubles up, doubles scratch,
-                    doubles spare) noexcept nogil:
-    """R and T of the layer, then (star product) what lies below its top: `below` its reflection, `up` its emission.
-
-    lowest: nothing lies below it, and both are zero.
-    """
+cdef int reflect_by_modes(const Slab* slab, ints pivots_inner, doubles scratch, doubles spare) noexcept nogil:
+    """R = So - Se, T and 1 - T = So + Se, which is left in scratch, Se = Y lambda f (X + Y lambda f)^-1 and
+    So = X f (X f + Y)^-1: of a thin slab both are as small as its thickness, and keep their digits."""
     cdef const Modes* a = &slab.modes
-    cdef int n = a.n, n_rhs = slab.n_rhs, j, info
-    cdef size_t nn = <size_t>n * n, nr = <size_t>n * n_rhs, i
-    cdef doubles R = slab.R, T = slab.T, G = slab.G, g = slab.g, inner = scratch
+    cdef int n = a.n, j, info = 0
+    cdef size_t nn = <size_t>n * n, i
+    cdef cplx* f = <cplx*>spare
+    cdef doubles R = slab.R, T = slab.T
     if a.decaying:
-        info = decaying_slab(slab, pivots_below, scratch, spare)
-        if info != 0:
-            return info
-    else:
-        # X (X + Y lambda f)^-1 = (1 + R + T)/2 and Y (X f + Y)^-1 = (1 - R + T)/2
-        copy(nn, a.X, R)
-        times_inverse(n, slab.even_lu, slab.pivots, R)
-        copy(nn, a.Y, T)
-        times_inverse(n, slab.odd_lu, slab.pivots + n, T)
+        info = decaying_slab(slab, pivots_inner, scratch, spare)
         for i in range(nn):
-            R[i], T[i] = R[i] - T[i], R[i] + T[i]
+            scratch[i] = -T[i]
         for j in range(n):
-            T[<size_t>j * n + j] -= 1.0
-    # emitted with nothing falling in: the beam's own field leaving, less what would have to fall in to allow it
-    for i in range(nr):
-        slab.emitted[i] = slab.falling[i]
-        spare[i] = -slab.top[i]
-    multiply(n, n_rhs, n, -1.0, T, slab.top, 1.0, slab.emitted)
-    multiply(n, n_rhs, n, -1.0, R, slab.rising, 1.0, slab.emitted)
-    multiply(n, n_rhs, n, -1.0, R, slab.top, 1.0, spare)
-    multiply(n, n_rhs, n, -1.0, T, slab.rising, 1.0, spare)
-    if lowest:
-        set_zero(nn, G)
-        set_zero(nr, g)
-        copy(nn, R, below)
-        copy(nr, spare, up)
-        return 0
-    # between the layer and what lies below: (1 - below R)^-1
-    one_minus_product(n, below, R, inner)
-    info = factorise(n, inner, n, pivots_below)
-    copy(nn, below, G)
-    solve(n, n, inner, pivots_below, G, n)
-    copy(nr, up, g)
-    solve(n, n_rhs, inner, pivots_below, g, n)
-    multiply(n, n, n, 1.0, G, T, 0.0, inner)
-    copy(nn, R, below)
-    multiply(n, n, n, 1.0, T, inner, 1.0, below)
-    copy(nr, g, spare + nr)
-    multiply(n, n_rhs, n, 1.0, G, slab.emitted, 1.0, spare + nr)
-    copy(nr, spare, up)
-    multiply(n, n_rhs, n, 1.0, T, spare + nr, 1.0, up)
+            scratch[<size_t>j * n + j] += 1.0
+        return info
+    scale_columns(n, n, a.lam_im, slab.tangents, a.X, R)
+    times_inverse(n, slab.odd_lu, slab.pivots + n, R)
+    for j in range(n):
+        f[j] = times(slab.tangents[j], lambda_of(a, j))
+    scale_columns(n, n, a.lam_im, f, a.Y, scratch)
+    times_inverse(n, slab.even_lu, slab.pivots, scratch)
+    for i in range(nn):
+        R[i], scratch[i] = R[i] - scratch[i], R[i] + scratch[i]
+        T[i] = -scratch[i]
+    for j in range(n):
+        T[<size_t>j * n + j] += 1.0
     return info
 
 
-cdef void join_clear_layer(const Slab* slab, doubles below, doubles up) noexcept nogil:
-    """join_layer where nothing scatters: R = 0, T = e^(-thickness/mu), and the beam has no field of its own."""
-    cdef int n = slab.modes.n, i, j
-    cdef size_t nn = <size_t>n * n, nr = <size_t>n * slab.n_rhs
-    cdef double passed
-    cdef doubles T = slab.T
-    set_zero(2 * nn, slab.R)                                                    # and T
-    for i in range(n):
-        T[<size_t>i * n + i] = exp(-slab.modes.thickness * sqrt(slab.modes.lam_re[i]))
-    copy(nn, below, slab.G)
-    set_zero(nr, slab.emitted)
-    copy(nr, up, slab.g)
-    for j in range(n):
-        passed = T[<size_t>j * n + j]
-        for i in range(n):
-            below[<size_t>j * n + i] *= passed * T[<size_t>i * n + i]
-    for j in range(slab.n_rhs):
-        for i in range(n):
-            up[<size_t>j * n + i] *= T[<size_t>i * n + i]
+cdef void emit(const Slab* slab, given lost) noexcept nogil:
+    """What a slab sends out of beams where nothing falls in, up at its top and down at its bottom: the beams' own field
+    at both faces, less what would have to fall in to allow it; lost: 1 - T."""
+    cdef int n = slab.modes.n, r = slab.n_rhs
+    cdef double sign = 1.0 if is_thin(&slab.modes) else -1.0
+    cdef given through = lost if is_thin(&slab.modes) else slab.T
+    multiply(n, r, n, -1.0, slab.R, slab.top, 1.0, slab.up)
+    multiply(n, r, n, sign, through, slab.rising, 1.0, slab.up)
+    multiply(n, r, n, sign, through, slab.top, 1.0, slab.down)
+    multiply(n, r, n, -1.0, slab.R, slab.rising, 1.0, slab.down)
 
 
 # (1:49)-(1:56)

@@ -1,25 +1,20 @@
-# Slabs joined by the star product from the base up, (2:8), then the field at their interfaces from the top down.
+# Doubled slabs added from the base up, then the field at their interfaces from the top down, on the nodes and off them.
 
 cdef Job join_slabs_job(Arrays* t) noexcept nogil:
     cdef size_t n = t.n, r = t.n_rhs
-    return Job(t.n_order, t.n_place * n * (n + r) + (2 * t.n_place + 6) * n * r + 5 * n * n + 5 * n
-               + 2 * t.n_out_rows * (n + r), n)
+    return Job(t.n_order, t.n_place * n * (n + r) + (2 * t.n_place + 3) * n * r + stack_doubles(n, r) + 5 * n
+               + t.n_out_rows * (n + 2 * r), n)
 
 
 cdef struct SlabStack:
-    # one order of a stack of slabs, from the base up
+    # one order of a stack of slabs
     Sizes s
     Nodes nodes
-    bint conserving
     int n_place, per_beam
     given_ints slabs
-    given above, mu0, R, T, lost
-    doubles G, g                    # per place: from falling at its bottom to up there, and what comes up by itself
+    given above, mu0, R, T
     doubles going_up, going_down    # per interface
-    doubles below, scratch, vectors # n^2, 4 n^2, 4 n n_rhs
-    doubles absorbed                # row of 1 - below that belongs to the flux
-    doubles v, row, out             # the turn to the flux's axis; 3 n spare; base_out, turned
-    ints pivots
+    doubles v, out                  # the turn to the flux's axis; base_out, turned
 
 
 cdef inline Extended slab_of(const SlabStack* p, given matrices, int place) noexcept nogil:
@@ -27,72 +22,75 @@ cdef inline Extended slab_of(const SlabStack* p, given matrices, int place) noex
     return extended_at(p.s, <doubles>matrices + p.slabs[place] * size_extended(p.s))
 
 
-# (2:10)-(2:11)
 cdef int join_slabs_one(const void* task, int item, Workspace desk) noexcept nogil:
     cdef const Arrays* t = <const Arrays*>task
     cdef Sizes s = sizes_of(t)
-    cdef Nodes nodes = nodes_of(t)
     cdef int n_place = t.n_place, row = t.base_row[item], place, level, info, i, n = s.n, r = s.r
     cdef size_t nn = <size_t>n * n, nr = <size_t>n * r, each = size_extended(s)
     cdef size_t first = <size_t>item * t.n_slab, wanted = <size_t>item * t.n_level, size = <size_t>r * s.o
     cdef doubles G = desk.work, g = G + n_place * nn, going_up = g + n_place * nr
-    cdef doubles going_down = going_up + (n_place + 1) * nr, below = going_down + (n_place + 1) * nr
-    cdef doubles scratch = below + nn, vectors = scratch + 4 * nn, absorbed = vectors + 4 * nr, v = absorbed + n
-    cdef SlabStack p = SlabStack(
-        s, nodes, t.conserving and t.orders[item] == 0, n_place, r // t.n_in, t.slabs, t.above, t.mu0,
-        t.R + first * each, t.T + first * each, t.lost + first * n, G, g, going_up, going_down, below, scratch, vectors,
-        absorbed, v, v + n, v + 4 * n, desk.pivots)
+    cdef doubles going_down = going_up + (n_place + 1) * nr, right = going_down + (n_place + 1) * nr
+    cdef doubles v = right + nr, absorbed = v + n, memory = absorbed + 3 * n, out = memory + stack_doubles(n, r)
+    cdef SlabStack p = SlabStack(s, nodes_of(t), n_place, r // t.n_in, t.slabs, t.above, t.mu0, t.R + first * each,
+                                 t.T + first * each, going_up, going_down, v, out)
+    cdef Stack stack = stack_at(n, r, memory, desk.pivots, True)
+    cdef Flux flux = Flux(flux_axis(n, s.stokes), NULL, absorbed, absorbed + n)
+    cdef Element one
     cdef double size_of_flux = 0.0
-    set_zero(nn, below)
     set_zero(n, absorbed)
     set_zero(2 * (n_place + 1) * nr, going_up)
-    absorbed[flux_axis(n, s.stokes)] = 1.0
-    if p.conserving:
-        conserving_axis(nodes, v)
-        size_of_flux = half_range(nodes)
+    absorbed[flux.axis] = 1.0
+    if t.conserving and t.orders[item] == 0:
+        stack.flux = &flux
+        conserving_axis(p.nodes, v)
+        size_of_flux = half_range(p.nodes)
     if row >= 0:
-        put_base(&p, t.base + row * nn, t.base_source + row * nr, t.base_out + <size_t>row * n * s.o)
+        put_base(&p, &stack, t.base + row * nn, t.base_source + row * nr, t.base_out + <size_t>row * n * s.o)
     for place in range(n_place - 1, -1, -1):
         if desk.stop[0]:
             return 0
-        info = add_below(&p, place, t.residual + <size_t>item * n_place + place)
+        flux.lost, stack.missing = t.lost + (first + t.slabs[place]) * n, 0.0
+        one = slab_element(n, slab_of(&p, p.R, place).N, slab_of(&p, p.T, place).N)
+        emitted(&p, place, p.R, going_up + place * nr)
+        emitted(&p, place, p.T, going_down + (place + 1) * nr)
+        info = add(&stack, &one, going_down + (place + 1) * nr, going_up + (place + 1) * nr, going_up + place * nr,
+                   going_up + place * nr, G + place * nn if place > 0 else NULL, g + place * nr)
         if info != 0:
             return info
-    for place in range(n_place):        # falling: T down + emitted, then up = G falling + g, then R up on top of it
-        emitted(&p, place, p.T, vectors)
-        multiply(n, r, n, 1.0, slab_of(&p, p.T, place).N, going_down + place * nr, 1.0, vectors)
-        copy(nr, g + place * nr, going_up + (place + 1) * nr)
-        multiply(n, r, n, 1.0, G + place * nn, vectors, 1.0, going_up + (place + 1) * nr)
-        copy(nr, vectors, going_down + (place + 1) * nr)
-        multiply(n, r, n, 1.0, slab_of(&p, p.R, place).N, going_up + (place + 1) * nr, 1.0,
-                 going_down + (place + 1) * nr)
+        t.residual[<size_t>item * n_place + place] = stack.missing
+    for place in range(n_place):
+        one = slab_element(n, slab_of(&p, p.R, place).N, slab_of(&p, p.T, place).N)
+        go_down(n, r, &one, going_down + place * nr, G + place * nn if place > 0 else NULL, g + place * nr,
+                going_up + (place + 1) * nr, going_down + (place + 1) * nr, right)
     for level in range(t.n_level):
         for i in range(r):
-            first = t.interface[level] * nr + <size_t>i * n + flux_axis(n, s.stokes)
+            first = t.interface[level] * nr + <size_t>i * n + flux.axis
             t.flux[2 * (wanted + level) * r + i] = -sqrt(size_of_flux) * going_up[first]
             t.flux[(2 * (wanted + level) + 1) * r + i] = -sqrt(size_of_flux) * going_down[first]
     leave(&p, row >= 0, t.n_level, t.interface, t.up + wanted * size, t.down + wanted * size)
     return 0
 
 
-cdef void put_base(const SlabStack* p, given base, given base_source, given base_out) noexcept nogil:
+cdef void put_base(const SlabStack* p, Stack* stack, given base, given base_source, given base_out) noexcept nogil:
     """The base's operator, the beam that it reflects, its rows out, and (order 0) the row of what it absorbs."""
-    cdef int i, n = p.s.n, axis = flux_axis(n, p.s.stokes)
+    cdef int i, n = p.s.n
     cdef size_t nr = <size_t>n * p.s.r, k
-    cdef doubles up = p.going_up + p.n_place * nr
-    copy(<size_t>n * n, base, p.below)
+    cdef doubles up = p.going_up + p.n_place * nr, absorbed
+    copy(<size_t>n * n, base, stack.below)
     copy(<size_t>n * p.s.o, base_out, p.out)
+    stack.dark = False
     for k in range(nr):
         up[k] = base_source[k] * exp(-p.above[p.n_place] / p.mu0[k // (n * <size_t>p.per_beam)])
-    if not p.conserving:
+    if stack.flux == NULL:
         return
-    reflect_both(p.nodes, p.v, p.below, p.scratch)
+    reflect_both(p.nodes, p.v, stack.below, stack.spare)
     turn_columns(p.nodes, p.s.r, p.v, up)
-    turn_rows(p.nodes, p.s.o, p.v, p.out, p.scratch)
+    turn_rows(p.nodes, p.s.o, p.v, p.out, stack.spare)
+    absorbed = stack.flux.absorbed
     for i in range(n):
-        p.absorbed[i] = (1.0 if i == axis else 0.0) - p.below[<size_t>i * n + axis]
-        if fabs(p.absorbed[i]) < ROUNDING:
-            p.absorbed[i] = 0.0
+        absorbed[i] -= stack.below[<size_t>i * n + stack.flux.axis]
+        if fabs(absorbed[i]) < ROUNDING:
+            absorbed[i] = 0.0
 
 
 cdef inline void emitted(const SlabStack* p, int place, given matrices, doubles out) noexcept nogil:
@@ -104,65 +102,6 @@ cdef inline void emitted(const SlabStack* p, int place, given matrices, doubles 
         decay = exp(-p.above[place] / p.mu0[j // p.per_beam])
         for i in range(p.s.n):
             out[<size_t>j * p.s.n + i] = decay * NI[<size_t>j * p.s.n + i]
-
-
-# (2:8)
-cdef int add_below(const SlabStack* p, int place, doubles residual) noexcept nogil:
-    """Puts a slab upon what lies below: G = (1 - below R)^-1 below, g = (1 - below R)^-1 up, below <- R + T G T.
-
-    In order 0 the flux's row of 1 - below R, which is small where nothing absorbs, is summed from what is lost:
-    lost + T's row + absorbed R, and `absorbed` becomes lost + (lost G + absorbed (1 + R G)) T.
-    """
-    cdef int n = p.s.n, n_rhs = p.s.r, i, info, axis = flux_axis(n, p.s.stokes)
-    cdef size_t nn = <size_t>n * n, nr = <size_t>n * n_rhs
-    cdef Extended r = slab_of(p, p.R, place), t = slab_of(p, p.T, place)
-    cdef given lost = p.lost + <size_t>p.slabs[place] * n
-    cdef doubles M = p.scratch, kept = M + nn, GT = kept + nn, below = p.below, absorbed = p.absorbed, row = p.row
-    cdef doubles G = p.G + place * nn, g = p.g + place * nr, vectors = p.vectors, up_above = p.going_up + place * nr
-    cdef double largest
-    one_minus_product(n, below, r.N, M)
-    copy(nn, below, G)
-    copy(nr, p.going_up + (place + 1) * nr, g)
-    if p.conserving:
-        multiply(1, n, n, 1.0, absorbed, r.N, 0.0, row)
-        for i in range(n):
-            row[i] += lost[i] + t.N[<size_t>i * n + axis]
-        largest = largest_of(n, row)
-        if largest > 0.0:
-            for i in range(n):
-                M[<size_t>i * n + axis] = row[i] / largest
-                G[<size_t>i * n + axis] /= largest
-            for i in range(n_rhs):
-                g[<size_t>i * n + axis] /= largest
-    copy(nn, M, kept)
-    copy(nr, g, vectors)
-    info = factorise(n, M, n, p.pivots)
-    if info != 0:
-        return info
-    solve(n, n, M, p.pivots, G, n)
-    solve(n, n_rhs, M, p.pivots, g, n)
-    largest = largest_of(nr, vectors)
-    multiply(n, n_rhs, n, -1.0, kept, g, 1.0, vectors)
-    residual[0] = largest_of(nr, vectors) / largest if largest > NO_LIGHT else 0.0
-    multiply(n, n, n, 1.0, G, t.N, 0.0, GT)
-    if p.conserving:
-        # absorbed (1 + R G) T = absorbed T + (absorbed R) GT
-        multiply(1, n, n, 1.0, absorbed, r.N, 0.0, row)
-        for i in range(n):
-            row[i] += lost[i]
-        copy(n, lost, row + n)
-        multiply(1, n, n, 1.0, row, GT, 1.0, row + n)
-        multiply(1, n, n, 1.0, absorbed, t.N, 1.0, row + n)
-        copy(n, row + n, absorbed)
-    copy(nn, r.N, below)
-    multiply(n, n, n, 1.0, t.N, GT, 1.0, below)
-    # up above = emitted up + T (G emitted down + g)
-    emitted(p, place, p.T, vectors)
-    copy(nr, g, vectors + nr)
-    multiply(n, n_rhs, n, 1.0, G, vectors, 1.0, vectors + nr)
-    emitted(p, place, p.R, up_above)
-    multiply(n, n_rhs, n, 1.0, t.N, vectors + nr, 1.0, up_above)
-    return 0
 
 
 cdef void leave(const SlabStack* p, bint has_base, int n_level, given_ints interface, doubles up,

@@ -80,7 +80,7 @@ class Differentiating(Refracting):
 
     def is_alone(self, order: int) -> bool:
         """Whether the one slab there is meets no light but the beam, and the order carries no flux."""
-        mirrors = any(part is not None and part[0, :2].any() for part in self.blocks)
+        mirrors = bool(self.blocks[:, :2].any())
         flux = self.problem.conserves and order == 0
         return self.cut.layer.size == 1 and self.base is None and not (mirrors or self.rough or flux)
 

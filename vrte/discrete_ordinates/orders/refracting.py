@@ -61,6 +61,8 @@ class Refracting(BeamPaths):
             "residual_of_adding": 1e-9,
         }
         self.each = self.find_media()
+        self.kind = self.find_kinds()
+        self.which = np.array([np.count_nonzero(self.kind[:k] == kind) for k, kind in enumerate(self.kind)], np.int32)
         self.blocks = self.find_blocks()
 
     def chunk(self, threads: int) -> int:
@@ -92,21 +94,23 @@ class Refracting(BeamPaths):
             )
         return found
 
-    def find_blocks(self) -> list[Array | None]:
+    def find_blocks(self) -> Array:
         """Of smooth interfaces, in the order of the pieces, reflection above and below, transmission down and up,
-        node by node, (1, 4, n, S); None of others."""
+        node by node, (smooth, 4, n, S)."""
         interfaces = self.media.interfaces_along(self.media.cosines)
-        members, scene = np.ix_(self.problem.stokes, self.problem.stokes), self.media.scene
-        found: list[Array | None] = []
-        rough = self.rough
-        for index, at in enumerate(self.cut.interface.tolist()):
-            is_base = at == len(scene.layers) and scene.base is not None
-            if at < 0 or index in rough or (scene.interfaces[at] is None and not is_base):
-                found.append(None)
-                continue
-            parts = np.stack([part[at][:, members[0], members[1]] for part in vars(interfaces).values()])
-            found.append(parts.reshape(1, 4, self.problem.size, -1))
-        return found
+        members = np.ix_(self.problem.stokes, self.problem.stokes)
+        parts = np.stack(list(vars(interfaces).values()))[:, self.cut.interface[self.kind == SMOOTH]]
+        found = parts[..., members[0], members[1]].swapaxes(0, 1)
+        return np.ascontiguousarray(found.reshape(len(found), 4, self.problem.size, len(self.problem.stokes)))
+
+    def find_kinds(self) -> IntArray:
+        """Which interfaces are cuts, smooth or rough, (interface,)."""
+        scene, at = self.media.scene, self.cut.interface
+        there = [interface is not None for interface in scene.interfaces]
+        there[-1] |= scene.base is not None
+        kind = np.where((at >= 0) & np.array(there)[at], SMOOTH, CUT).astype(np.int32)
+        kind[self.rough] = ROUGH
+        return kind
 
     def solve(self, orders: IntArray, run: Run) -> Orders:
         """The given orders."""
@@ -131,40 +135,37 @@ class Refracting(BeamPaths):
     def join(self, orders: IntArray, slabs: Slabs, light: Array, run: Run) -> Array:
         """Puts all light on the nodes in the place of what sets out there, (order, interface, 4, r, n), see
         core/stack.pxi; residual (order,). Raises AccuracyError where a system is singular."""
-        pieces: list[Array] = [light] * self.cut.layer.size
-        for medium, response in slabs:
-            nodes = np.ascontiguousarray(response.nodes.swapaxes(-1, -2))
-            for piece, own in zip(medium.pieces.tolist(), medium.of.tolist(), strict=True):
-                pieces[piece] = nodes[own]
-        interfaces, kind = (
-            list(self.blocks),
-            np.array([CUT if part is None else SMOOTH for part in self.blocks], np.int32),
-        )
-        for index, rough in self.rough_interfaces.items():
-            ways = (rough.above, rough.below, rough.down, rough.up)
-            interfaces[index] = np.ascontiguousarray(
-                np.stack([way.nodes[orders] for way in ways], axis=1).swapaxes(-1, -2)
-            )
-            kind[index] = ROUGH
-        residual, info = np.zeros(orders.size), np.zeros(orders.size, np.int32)
-        none = np.full(orders.size, -1, np.int32)
+        each = [np.ascontiguousarray(response.nodes.swapaxes(-1, -2)) for _, response in slabs]
+        size, at = np.empty((2, self.cut.layer.size), np.int32)
+        begins = np.cumsum([0, *(nodes.size for nodes in each)])
+        for (medium, _), nodes, begin in zip(slabs, each, begins.tolist(), strict=False):
+            size[medium.pieces] = nodes.shape[-1]
+            at[medium.pieces] = begin + medium.of * nodes[0].size
+        rough = [
+            np.stack([way.nodes[orders] for way in (each.above, each.below, each.down, each.up)], axis=1)
+            for each in self.rough_interfaces.values()
+        ]
+        stokes, n = len(self.problem.stokes), self.problem.size
         with run.timed("joining") as crew:
-            _core.join_media(
+            found = _core.join_media(
                 crew,
-                slabs=pieces,
-                interfaces=interfaces,
-                kind=kind,
-                base_row=none if self.base is None else self.base.row[orders],
+                pieces=np.concatenate([nodes.ravel() for nodes in each]) if len(each) > 1 else each[0].ravel(),
+                slab_size=size,
+                slab_at=at,
+                kind=self.kind,
+                which=self.which,
+                smooth=self.blocks,
+                rough=np.stack(rough) if rough else np.zeros((0, orders.size, 4, n, n)),
+                base_row=np.full(orders.size, -1, np.int32) if self.base is None else self.base.row[orders],
                 base=np.zeros((1, 1, 1)) if self.base is None else self.base.matrix,
-                stokes=len(self.problem.stokes),
+                stokes=stokes,
                 light=light,
-                residual=residual,
-                info=info,
             )
-        if info.any():
+        if found["info"].any():
             raise AccuracyError(
-                f"two slabs cannot be joined at order {orders[np.argmax(info)]}: the system is singular"
+                f"two slabs cannot be joined at order {orders[np.argmax(found['info'])]}: the system is singular"
             )
+        residual: Array = found["residual"]
         return residual
 
     def set_out(self, orders: IntArray, slabs: Slabs) -> Array:

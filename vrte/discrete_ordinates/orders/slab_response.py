@@ -81,11 +81,8 @@ def respond_by_modes(
     matrices = assemble(problem, orders, run)
     modes = find_modes(problem, orders, matrices, run, quick)
     beam = find_beam_field(problem, matrices, modes, run)
-    count, n, r, o = (material.size, orders.size), problem.size, problem.n_rhs, problem.rows_out
-    nodes, entering, leaving, passing = (np.empty((*count, 2, *shape)) for shape in ((n, n), (r, n), (n, o), (r, o)))
-    residual, info = np.zeros(count), np.zeros(count, np.int32)
     with run.timed("boundary") as crew:
-        _core.respond(
+        found = _core.respond(
             crew,
             lam_re=modes.lam_re,
             lam_im=modes.lam_im,
@@ -95,20 +92,14 @@ def respond_by_modes(
             zeta=beam.zeta,
             G_E=matrices.G_E,
             G_F=matrices.G_F,
-            clear=((problem.albedo == 0.0) & problem.skip_flags.clear).astype(np.int32),
+            clear_layers=problem.clear_layers,
             material=material,
             thickness=thickness,
             mu0=problem.mu0,
             mu_out=problem.mu_out,
-            nodes=nodes,
-            entering=entering,
-            leaving=leaving,
-            passing=passing,
-            residual=residual,
-            info=info,
         )
-    if info.any():
-        raise AccuracyError(f"the boundary system of order {orders[np.argwhere(info)[0][1]]} is singular")
-    residuals = {"residual_of_modes": modes.residual.T[material], "residual_of_boundary": residual}
-    turned = [part.swapaxes(-1, -2) for part in (nodes, entering, leaving, passing)]
-    return Response(turned[0], turned[1], turned[2], turned[3], residuals)
+    if found["info"].any():
+        raise AccuracyError(f"the boundary system of order {orders[np.argwhere(found['info'])[0][1]]} is singular")
+    residuals = {"residual_of_modes": modes.residual.T[material], "residual_of_boundary": found["residual"]}
+    parts = (found[name].swapaxes(-1, -2) for name in ("nodes", "entering", "leaving", "passing"))
+    return Response(*parts, residuals)
