@@ -101,5 +101,5 @@ def respond_by_modes(
     if found["info"].any():
         raise AccuracyError(f"the boundary system of order {orders[np.argwhere(found['info'])[0][1]]} is singular")
     residuals = {"residual_of_modes": modes.residual.T[material], "residual_of_boundary": found["residual"]}
-    parts = (found[name].swapaxes(-1, -2) for name in ("nodes", "entering", "leaving", "passing"))
-    return Response(*parts, residuals)
+    parts = {name: found[name].swapaxes(-1, -2) for name in ("nodes", "entering", "leaving", "passing")}
+    return Response(**parts, residuals=residuals)
