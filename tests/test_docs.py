@@ -11,7 +11,6 @@ import tomllib
 from contextlib import nullcontext
 from pathlib import Path
 
-import numpy as np
 import pytest
 import yaml
 
@@ -144,27 +143,6 @@ def test_links_of_the_site_that_lead_nowhere_are_found(line: str, fault: str, tm
     config = type("Config", (), {"site_dir": str(tmp_path)})()
     with pytest.raises(hooks["PluginError"], match=re.escape(fault)) if fault else nullcontext():
         hooks["on_post_build"](config)
-
-
-def test_the_paper_cites_its_bibliography_and_its_figure_has_the_runs_that_are_kept() -> None:
-    text, bibliography = ((ROOT / "paper" / name).read_text() for name in ("paper.md", "paper.bib"))
-    body = text.partition("# Summary")[2].rpartition("# References")[0]
-    known = re.findall(r"^@\w+\{(\w+),$", bibliography, re.MULTILINE)
-    assert sorted(set(re.findall(r"@([A-Za-z]+\d{4})", body))) == sorted(known)
-    runs = runpy.run_path(str(ROOT / "paper" / "figure.py"))["read_runs"]()
-    assert all(len(rows) >= 4 for rows in runs.values()), runs.keys()
-    assert min(row.worst for row in runs["auto"]) < 1e-10
-
-
-@pytest.mark.slow
-def test_the_surface_decides_about_the_polarization_of_a_paint() -> None:
-    script = runpy.run_path(str(ROOT / "paper" / "figure.py"))
-    with pytest.warns(vrte.IndependentScatteringWarning):
-        bare, rough, smooth = (script["find_polarization"](surface) for surface in ("none", "rough", "smooth"))
-    mirrored = np.argmin(abs(script["SEEN"] - script["ANGLE_I"]))
-    assert bare.max() < 10.0
-    assert smooth.max() > 30.0
-    assert rough[mirrored] > 5.0 * smooth[mirrored] > 5.0 * bare[mirrored]
 
 
 def test_metadata_and_changelog_agree() -> None:

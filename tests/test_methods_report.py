@@ -32,7 +32,6 @@ PEERS = tuple(other_codes.PEERS)
 NATURAL = np.array([2.0, 0.0, 0.0, 0.0])
 MU, PHI = np.array([0.9, -0.3, 0.2, -1.0]), np.array([0.0, 70.0, 180.0])
 AT_NODES = np.array([1.0, -1.0, 1.0, -1.0]) * make_double_gauss(16)[0][[13, 4, 3, 14]]
-SLOW = Row("s", "c", "m", "8 nodes", MEASURED, 2.0, i_max=1e-7, q_max=0, u_max=0, v_max=0, reference_within=1e-9)
 each_peer = pytest.mark.parametrize("name", PEERS)
 
 
@@ -117,23 +116,6 @@ def test_errors_are_relative_to_the_largest_intensity_of_their_depth() -> None:
     assert found["i_max"] == found["u_rms"] == found["energy"] == 0.0
     assert np.isnan(found["v_max"])
     assert np.isnan(methods.measure_run_errors(one, partial, right)["energy"])
-
-
-def test_advice_says_what_is_quickest_of_ours_and_how_peers_stand_to_it() -> None:
-    quick = replace(SLOW, setting="2 nodes", seconds=1.0, q_max=1e-4)
-    text = methods_page.advise_on_scene([SLOW, quick])
-    assert text.startswith("For 1e-03 take c with 2 nodes (1 s, error 1e-04), for 1e-06 take c with 8 nodes")
-    assert text.endswith("for 1e-10 nothing can be told (the reference is known to 1e-09).")
-    assert "take none of these" in methods_page.advise_on_target([quick], 1e-6)
-    peer = replace(SLOW, curve="nanodisort", method="nanodisort", setting="16 streams", seconds=1.0, v_max=np.nan)
-    assert peer.worst == 1e-7
-    assert methods_page.find_pareto_front([SLOW, peer]) == [SLOW]
-    assert methods_page.find_quickest_candidate([SLOW, peer], 1e-6) == SLOW
-    beside = "Beside vrte, for 1e-06: nanodisort with 16 streams takes 1 s, 0.5 times as long."
-    assert methods_page.compare_with_peers([SLOW, peer], 1e-6) == beside
-    assert methods_page.compare_with_peers([SLOW, peer], 1e-8) == ""
-    assert methods_page.list_heights([peer], "v_max") == [None]
-    assert "V -" in methods_page.make_hover_text(peer)
 
 
 def test_tables_of_knobs_and_methods_are_those_of_the_registry() -> None:

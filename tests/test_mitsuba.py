@@ -186,17 +186,6 @@ def test_the_sign_of_v(mitsuba: Any) -> None:
         assert abs(mirror[3, 2] / mirror[0, 0]) > 0.1
 
 
-def test_a_white_furnace_closes(mitsuba: Any, tmp_path: Path) -> None:
-    white = vrte.spectrum(WHITE, WAVELENGTHS, **measured_polarized.directions(24, 9))
-    measured_polarized.write_mitsuba(white, tmp_path / "white.bsdf", 15.0)
-    bsdf = mitsuba.load_dict({"type": "measured_polarized", "filename": str(tmp_path / "white.bsdf")})
-    points, weights = vrte.hemisphere(4)
-    into = measured_polarized.make_unit_vectors(points, np.ones(4))
-    found = [evaluated(mitsuba, bsdf, one, np.array([0.6, 0.0, 0.8]), 523.0) for one in into]
-    flux = np.einsum("i,iab->ab", 2.0 * np.pi * weights, found)
-    assert_close(flux, np.diag([1.0, 0.0, 0.0, 0.0]), rtol=0.0, atol=1e-6)
-
-
 def test_the_command_line_and_the_call_write_the_same(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

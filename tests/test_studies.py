@@ -25,7 +25,7 @@ import bench
 from bench import compare, cost, processes, tables
 from bench.processes import Child, Reply, Task
 from bench.study import Study
-from bench.tables import DEVICE, FULL_SIZE, OWN_STEPS, SMALL, STEPS, TABLE_2, TOTAL, Configuration
+from bench.tables import DEVICE, FULL_SIZE, SMALL, STEPS, TOTAL, Configuration
 from vrte.basics.errors import AccuracyError, SceneError
 from vrte.basics.running import find_blas_libraries
 
@@ -197,26 +197,6 @@ def test_no_process_is_left_when_its_parent_is_gone(number: int) -> None:
     wait_until(lambda: not child.is_running() or child.status() == psutil.STATUS_ZOMBIE, 5.0)
 
 
-def test_the_page_sets_the_papers_numbers_beside_ours(all_measured: tables.Measured, tmp_path: Path) -> None:
-    written = tables.write_page(all_measured, tmp_path, "a test", ["a fact", "not measured: configuration 9"])
-    assert {path.name for path in written} == PAGES["tables"]
-    text = (tmp_path / "tables.md").read_text(encoding="utf-8")
-    assert "- a fact\n- not measured: configuration 9\n" in text
-    for label, seconds in tables.SECONDS[TABLE_2, TOTAL].items():
-        ratios = f"{seconds / 2.74:#.3g} | {seconds / 0.11:#.3g}"
-        assert f"| {label} | 110.0 (110.0 to 110.0) | 1.00 | {seconds:g} | {ratios} |" in text
-    assert "| homogeneous | 60.00 | 60.00 | 60.00 \\* | 60.00 | 60.00 | 60.00 \\* | 60.00 | 60.00 | 60.00 |" in text
-    assert "| homogeneous | 108 | 102 | - | 101 | 95.8 | - |" in text
-    assert "| total | 263 | 258 | 286 | 80.7 | 77.8 | 102 |" in text
-    assert "| reconstruction | 22.1 | 22 | 22.1 | 2.52 | 2.51 | 2.53 |" in text
-    ours = tables.make_measured_bars(all_measured)
-    heights = [0.1 + 0.01 * len(each.label) for each in Configuration]
-    assert [sum(ours[each.label].values()) for each in Configuration] == close_to(heights, rtol=1e-7, atol=0.0)
-    left, right = tables.draw_step_costs(all_measured).axes
-    assert (left.get_ylabel(), right.get_ylabel()) == ("seconds", "milliseconds")
-    assert len(right.patches) == len(Configuration) * len(OWN_STEPS)
-
-
 def test_a_power_law_is_found_where_there_are_points_enough() -> None:
     x = np.array([1.0, 2.0, 5.0, 30.0])
     for exponent in (-1.0, 0.0, 1.0, 2.7):
@@ -225,19 +205,6 @@ def test_a_power_law_is_found_where_there_are_points_enough() -> None:
         assert [fit.exponent, fit.factor, fit.error] == close_to([exponent, 0.02, 0.0], rtol=0.0, atol=1e-7)
     for few, seconds in (([1.0, 2.0], [1.0, 2.0]), ([1.0, 2.0, 3.0], [1.0, 0.0, 3.0]), ([4.0] * 3, [1.0, 2.0, 3.0])):
         assert cost.fit_exponent(np.array(few), np.array(seconds)) is None
-
-
-@pytest.mark.parametrize("quick", [False, True])
-def test_the_axes_are_what_the_figures_show(quick: bool) -> None:
-    points = cost.list_points(quick)
-    for axis, (_, _, varied, *_) in cost.AXES.items():
-        along = [point for point in points if point.axis == axis]
-        assert (np.diff([point.value for point in along]) > 0.0).all(), axis
-        assert len({replace(point, **{varied: 1}) for point in along}) == 1, "one thing varies on an axis"
-        assert len(along) >= cost.FEWEST_POINTS
-        assert all(point.terms <= 2 * point.nodes for point in along), "the nodes carry every term"
-        assert all((point.incident is None) == (axis != "incident") for point in along)
-        assert all(cost.find_claims(axis)[step] for step in (TOTAL, *STEPS))
 
 
 @pytest.mark.parametrize(("incident", "threads"), [(None, 1), (3, 2)])
