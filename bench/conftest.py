@@ -82,8 +82,9 @@ def against_floor(benchmark: Any) -> Callable[..., float]:
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
     """The comparison with the peers as one table, whether its tests passed or not."""
-    from .peers_page import load, table
+    from .peers_page import table
+    from .study import describe_load
 
     if rows := config.stash.get(PEER_ROWS, []):
         terminalreporter.section("vrte beside its peers")
-        terminalreporter.write_line(f"{table(rows)}load (1, 5, 15 minutes) {load()}")
+        terminalreporter.write_line(f"{table(rows)}load (1, 5, 15 minutes) {describe_load()}")

@@ -261,12 +261,13 @@ def shortfalls(rows: list[Row]) -> list[str]:
 def main(arguments: list[str] | None = None) -> int:
     """Prints the page, or writes it: 0, or 1 with a sentence where a peer is missing or the file cannot be written."""
     from bench.features import FEATURES, measure_feature
-    from bench.peers_page import load, page
+    from bench.peers_page import page
+    from bench.study import describe_load
 
     parser = argparse.ArgumentParser(prog="python -m bench.peers", description="vrte beside nanodisort and sasktran2")
     parser.add_argument("-o", "--output", type=Path, help="write the page there, docs/reference/peers.md say")
     options = parser.parse_args(arguments)
-    comparisons, before = [], load()
+    comparisons, before = [], describe_load()
     try:
         for peer in TARGETS:
             codes.import_peer(peer)

@@ -1,11 +1,10 @@
 """The page of docs/ that carries the comparison with the peers."""
 
-import os
 from collections.abc import Sequence
 from importlib.metadata import version
 
 from bench.peers import ACCURACY, REFERENCE_STREAMS, ROUNDS, Problem, Row, shortfalls, wanted_keywords
-from bench.study import list_run_facts, make_markdown_list, make_markdown_table, show_two_digits
+from bench.study import describe_load, list_run_facts, make_markdown_list, make_markdown_table, show_two_digits
 
 COLUMNS = ("scene", "streams", "code", "cold [ms]", "over vrte", "warm [ms]", "over vrte", "target")
 ERRORS = ("error I", "error Q", "error U")
@@ -81,17 +80,10 @@ def cells(row: Row) -> list[str]:
     ]
 
 
-def load() -> str:
-    """The load averages of the last 1, 5 and 15 minutes, where the system tells them."""
-    if not hasattr(os, "getloadavg"):
-        return "unknown"
-    return ", ".join(f"{average:.2f}" for average in os.getloadavg())
-
-
 def made_with(load_before: str) -> str:
     """Date, machine, load and versions, as a Markdown list."""
     codes = ", ".join(f"{name} {version(name)}" for name in ("nanodisort", "sasktran2"))
     wanted = ", ".join(f"{name}={value!r}" for name, value in wanted_keywords().items())
-    reported = f"load (1, 5, 15 minutes) {load_before} before, {load()} after"
+    reported = f"load (1, 5, 15 minutes) {load_before} before, {describe_load()} after"
     keywords = f"keywords of vrte.radiance: {wanted or 'none beyond nodes and threads'}"
     return make_markdown_list([*list_run_facts(reported), codes, keywords])

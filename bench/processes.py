@@ -31,11 +31,10 @@ ERRORS = (SceneError, AccuracyError, DeviceError, MemoryError)  # that users mee
 @dataclass(frozen=True)
 class Hello:
     """A process is ready. ``cores``: for which processor each of its BLAS libraries took its kernels; ``versions``: of
-    those libraries, in words; ``cpu_seconds`` of the process so far."""
+    those libraries, in words."""
 
     cores: tuple[str, ...]
     versions: tuple[str, ...]
-    cpu_seconds: float
 
 
 @dataclass(frozen=True)
@@ -49,12 +48,11 @@ class Task:
 
 @dataclass(frozen=True, eq=False)
 class Reply:
-    """Wall ``seconds`` of the call in the process itself, of its stages, and ``cpu_seconds`` of the process so far."""
+    """Wall ``seconds`` of the call in the process itself, and of its stages."""
 
     seconds: float
     stages: dict[str, float]
     orders_by: dict[str, int]
-    cpu_seconds: float
     answer: Array | None = None
 
 
@@ -65,7 +63,7 @@ def serve(connection: Connection) -> None:
     libraries = find_blas_libraries()
     cores = tuple(str(getattr(library, "architecture", None)) for library in libraries)
     names = {f"{library.internal_api} {library.version} {core}" for library, core in zip(libraries, cores, strict=True)}
-    connection.send(Hello(cores, tuple(sorted(names)), time.process_time()))
+    connection.send(Hello(cores, tuple(sorted(names))))
     with suppress(EOFError, BrokenPipeError):
         while True:
             connection.send(answer_task(connection.recv()))
@@ -92,14 +90,14 @@ def answer_task(task: Task) -> Reply | Exception:
     made = result.diagnostics
     stages = {name: clock["wall_seconds"] for name, clock in made["stages"].items()}
     answer = result.stokes if isinstance(result, Field) else result.mueller
-    return Reply(seconds, stages, dict(made["orders_by"]), time.process_time(), answer if task.wants_answer else None)
+    return Reply(seconds, stages, dict(made["orders_by"]), answer if task.wants_answer else None)
 
 
 class Child:
     """One process; ``simd`` is "baseline" or "full"."""
 
     def __init__(self, simd: str) -> None:
-        self.simd, self.cpu_seconds = simd, 0.0
+        self.simd = simd
         context, before = multiprocessing.get_context("spawn"), os.environ.pop(VARIABLE, None)
         self._connection, other = context.Pipe()
         self.process = context.Process(target=serve, args=(other,), daemon=True)
@@ -134,7 +132,6 @@ class Child:
             self.process.join(PATIENCE)
             code = self.process.exitcode
             raise ChildProcessError(f"the process for {self.simd} SIMD has died with code {code}") from None
-        self.cpu_seconds = getattr(found, "cpu_seconds", self.cpu_seconds)
         return found
 
     def end(self) -> None:

@@ -33,7 +33,6 @@ Case = TypeVar("Case")
 Way = TypeVar("Way")
 Row = TypeVar("Row")
 Tick = Callable[[int, int, str], None]  # what is done, of how much, and what comes now
-BUSY_FIELDS = (0, 1, 2, 5, 6, 7)  # of /proc/stat: user, nice, system, two kinds of interrupts, stolen by the host
 COLOURS = {"homogeneous": BLUE, "particular": ORANGE, "boundary": GREEN, "reconstruction": RED, "assembly": PURPLE}
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*")  # of lines, in turn
 PLAIN = {str: str, int: int, float: float}  # what a record writes as it is; all else is JSON
@@ -51,8 +50,7 @@ class Study(Generic[Case, Way, Row]):
 
     ``rounds``: fewest and most, and the seconds that the rounds of a case may take together. ``kept``: the kind of
     rows and the file that holds them as they come; ``mark``, the fingerprint by which a row is found there again.
-    ``describe``: the rows for a terminal. ``require`` raises where a result is wrong. ``helpers``: CPU seconds so far
-    of other processes that measure, too.
+    ``describe``: the rows for a terminal. ``require`` raises where a result is wrong.
     """
 
     cases: Sequence[Case]
@@ -65,7 +63,6 @@ class Study(Generic[Case, Way, Row]):
     rounds: tuple[int, int, float] = (1, 1, 0.0)
     kept: tuple[type[Row], str] | None = None
     mark: Callable[[Case, Way], str] = lambda case, way: ""
-    helpers: Callable[[], float] = lambda: 0.0
     settings: str = ""
 
     def measure_rows(self, folder: Path, fresh: bool = False, tick: Tick = ignore_tick) -> list[Row]:
@@ -103,9 +100,9 @@ def carry_out(study: Study[Any, Any, Any], output: Path | None, fresh: bool = Fa
     says where."""
     folder = Path() if output is None else make_folder(output)
     with show_progress() as (phase, tick):
-        others = OthersClock(study.helpers)
+        before = describe_load()
         rows = study.measure_rows(folder, fresh, join_progress(phase, tick))
-    busy = others.statement()
+    busy = f"load (1, 5, 15 minutes) {before} before, {describe_load()} after"
     print("\n".join(filter(None, [study.describe(rows), f"  {busy}"])))
     if output is not None:
         for path in study.page(rows, folder, "; ".join(filter(None, [study.settings, busy]))):
@@ -179,42 +176,11 @@ class Times:
         return Times(float(np.median(seconds)), min(seconds), max(seconds), len(seconds))
 
 
-class OthersClock:
-    """Cores that other processes keep busy, from when it is made: the times of two threads mean little beside them.
-
-    >>> clock = OthersClock()
-    >>> clock.cores() is None or clock.cores() >= 0.0
-    True
-    """
-
-    def __init__(self, helpers: Callable[[], float] = lambda: 0.0) -> None:
-        """``helpers``: CPU seconds so far of other processes that measure, too."""
-        self._own = lambda: time.process_time() + helpers()
-        self._wall, self._all_before, self._own_before = time.perf_counter(), read_machine_seconds(), self._own()
-
-    def cores(self) -> float | None:
-        """On average; None where the system does not tell."""
-        now, wall = read_machine_seconds(), time.perf_counter() - self._wall
-        if now is None or self._all_before is None:
-            return None
-        return max(0.0, (now - self._all_before) - (self._own() - self._own_before)) / wall
-
-    def statement(self) -> str:
-        """How many cores other processes used meanwhile, in words."""
-        cores = self.cores()
-        return (
-            "use by other processes unknown" if cores is None else f"other processes used {cores:.2f} cores meanwhile"
-        )
-
-
-def read_machine_seconds() -> float | None:
-    """CPU seconds that all processors were busy since the system started; None where it does not tell."""
-    try:
-        with open("/proc/stat", encoding="ascii") as file:
-            ticks = [int(text) for text in file.readline().split()[1:]]
-        return sum(ticks[index] for index in BUSY_FIELDS) / os.sysconf("SC_CLK_TCK")
-    except (OSError, ValueError, IndexError):
-        return None
+def describe_load() -> str:
+    """The load averages of the last 1, 5 and 15 minutes, where the system tells them."""
+    if not hasattr(os, "getloadavg"):
+        return "unknown"
+    return ", ".join(f"{average:.2f}" for average in os.getloadavg())
 
 
 class Records(Generic[Row]):

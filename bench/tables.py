@@ -321,7 +321,6 @@ def make_study(
         describe=lambda rows: "\n".join(make_totals_table(Measured(rows), problem.name) for problem in problems),
         require=require_right_answers,
         rounds=(1 + rounds, 1 + rounds, 0.0),
-        helpers=lambda: sum(child.cpu_seconds for child in children.values()),
         settings=settings,
     )
 

@@ -98,19 +98,6 @@ def test_nothing_interferes_where_there_is_nobody():
         assert pack(alone, 1e-12, name).scattering_um2 == close_to(alone.scattering_um2, rtol=1e-10, atol=0.0)
 
 
-@pytest.mark.parametrize(
-    ("radius", "fraction", "within"),
-    [(0.25, 0.05, 1e-10), (0.25, 0.3, 1e-10), pytest.param(1.5, 0.3, 1e-8, marks=pytest.mark.slow)],
-)
-def test_one_size_scatters_its_own_matrix_times_the_structure_factor(radius, fraction, within):
-    alone = latex(radius)
-    packed = pack(alone, fraction, "percus-yevick")
-    q = 4.0 * math.pi * 1.33 / 0.6 * np.sin(np.radians(ANGLES) / 2.0)
-    alone_f, found = (one.phase_matrix.scattering_matrix(ANGLES) for one in (alone, packed))
-    expected = compute_structure_factor(q, radius, fraction)[:, None, None] * alone_f
-    assert_close(found * packed.scattering_um2 / alone.scattering_um2, expected, rtol=0.0, atol=within)
-
-
 def test_a_mixture_is_the_sum_over_all_pairs():
     """Two substances and three sizes, every pair of amplitudes by itself: all elements of the matrix."""
     radii, indices, shares = np.array([0.1, 0.2, 0.3]), [1.59, 1.45, 1.59 + 0.02j], np.array([0.5, 0.3, 0.2])

@@ -349,15 +349,6 @@ def test_particles_are_what_amplitudes_say(index: complex, size: float, peak: fl
     assert_close(matrix.coefficients[-1], 0.0, rtol=0.0, atol=1e-9)
 
 
-def test_tiny_spheres_are_rayleighs_dipoles() -> None:
-    particles, m2 = ball(1.5 + 0.1j, radius_um=1e-3), (1.5 + 0.1j) ** 2
-    assert_close(particles.phase_matrix.coefficients[:3], vrte.rayleigh().coefficients, rtol=0.0, atol=1e-5)
-    polarizability = (m2 - 1) / (m2 + 2)
-    scattering, absorption = 8 / 3 * math.pi * 1e-18 * abs(polarizability) ** 2, 4e-9 * math.pi * polarizability.imag
-    assert particles.scattering_um2 == close_to(scattering, rtol=1e-5, atol=0.0)
-    assert particles.extinction_um2 - particles.scattering_um2 == close_to(absorption, rtol=1e-5, atol=0.0)
-
-
 def test_a_host_changes_wavelength_and_contrast() -> None:
     """And a coat of the host's index is none, but for the volume."""
     how: dict[str, Any] = {"wavelength_um": 0.5, "host_index": 1.33}

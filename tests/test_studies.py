@@ -96,7 +96,7 @@ def pretend_reply(configuration: Configuration) -> Reply:
     seconds, alone = 0.1 + 0.01 * len(configuration.label), configuration.linear_algebra == DEVICE
     solution = {"doubling": 0.06, "joining": 0.01} if alone else {"homogeneous": 0.06, "boundary": 0.01}
     stages = {"planning": 0.001, "assembly": 0.005, **solution, "reconstruction": 0.004, "fourier sum": 0.002}
-    return Reply(seconds, stages, {"doubling" if alone else "modes": 9}, 1.0)
+    return Reply(seconds, stages, {"doubling" if alone else "modes": 9})
 
 
 @pytest.fixture
