@@ -112,7 +112,7 @@ METHODS = list_faults(
      "a recurrence is used where it loses digits", "methods_by_theory"),
     ("join-residual", "methods/parts/slab.py", "LARGEST_RESIDUAL = 1e-6", "LARGEST_RESIDUAL = 1e6",
      "slabs joined by a singular system are taken", "methods_by_theory"),
-    ("white-flux", "methods/adding_doubling.py", "balance_flux(slab) if conserves", "slab if conserves",
+    ("white-flux", "methods/slabs.py", "balance_flux(slab) if conserves", "slab if conserves",
      "white slabs lose what the starting layer misses", "methods_by_theory"),
     ("diffusion-base", "methods/two_fluxes.py", "2.0 * albedo / c)", "albedo / c)",
      "factor of the light that a base sends out under diffusion", "methods_by_theory"),

@@ -21,8 +21,7 @@ from vrte.app.form.files import begin_with_material, list_films
 from vrte.app.form.numbers import STEPS, explain_missing, list_sliders
 from vrte.app.solving import appearance, worker
 from vrte.app.solving.appearance import AppearanceAnswerer, Appeared
-from vrte.app.solving.page_files import make_colours_download
-from vrte.app.solving.tab_session import TabSessions
+from vrte.app.solving.tab_session import TabSessions, make_colours_download
 from vrte.app.solving.worker import Query, Refused, Task
 from vrte.appearance.colours import find_colour, find_difference
 from vrte.appearance.gloss import find_glosses

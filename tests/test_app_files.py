@@ -11,9 +11,8 @@ import vrte
 from vrte.app.form.checks import WAITS
 from vrte.app.form.content import START, Content
 from vrte.app.form.files import adopt_with_notes
-from vrte.app.solving import page_files, worker
-from vrte.app.solving.page_files import LARGEST_LIST, LARGEST_TABLE, MOST_TABLES, Uploads
-from vrte.app.solving.tab_session import TabSession, TabSessions
+from vrte.app.solving import tab_session, worker
+from vrte.app.solving.tab_session import LARGEST_LIST, LARGEST_TABLE, MOST_TABLES, TabSession, TabSessions, Uploads
 from vrte.formats.columns import read_coefficients
 
 from .helpers import wait_until
@@ -85,7 +84,7 @@ def test_files_that_no_field_names_go_where_there_is_no_room(uploads: Uploads, m
     uploads.add("more.csv", b"more", CSV, 10, uploads.names - {"3.csv"})
     assert "3.csv" not in uploads.names
     assert not (uploads.folder / "3.csv").exists()
-    monkeypatch.setattr(page_files, "LARGEST_UPLOADS", 50)
+    monkeypatch.setattr(tab_session, "LARGEST_UPLOADS", 50)
     with pytest.raises(vrte.SceneError, match="in all"):
         uploads.add("large.csv", bytes(60), CSV, 100)
 

@@ -19,7 +19,7 @@ import pytest
 import vrte
 from vrte.app.form import content as form
 from vrte.app.form.files import adopt_with_notes, write_link
-from vrte.app.solving import page_files as downloads
+from vrte.app.solving import tab_session as downloads
 from vrte.app.solving.solve import adopt, make_outcome, read, solve
 from vrte.app.solving.tab_session import MOST_TABS, TabSessions
 from vrte.app.solving.worker import EMPTY, Adopted, Outcome, Query, Refused, Task, explain_end, take_newest

@@ -16,9 +16,8 @@ from vrte.basics.errors import SceneError
 from vrte.calls import versions
 from vrte.cl import device
 from vrte.commands import common
-from vrte.commands.common import Parser
+from vrte.commands.common import Parser, make_parser
 from vrte.commands.init import FOLDER, tell_next
-from vrte.commands.parser import make_parser
 from vrte.formats.scene_file import FILE_KEYS, read_scene
 
 from .helpers import run

@@ -225,7 +225,7 @@ def test_a_list_of_geometries_is_a_row_each(monkeypatch):
     mu0[3:9] = mu0[3]
     found = vrte.views(SCENE, mu0, mu, phi, LIGHT, nodes=6, accuracy=1e-14)
     assert len(found.diagnostics["solves"]) == 1
-    monkeypatch.setattr("vrte.calls.views.LARGEST_GRID", 60.0)
+    monkeypatch.setattr("vrte.calls.radiance.LARGEST_GRID", 60.0)
     again = vrte.views(SCENE, mu0, mu, phi, LIGHT, nodes=6, accuracy=1e-14)
     assert len(again.diagnostics["solves"]) > 2
     assert_close(again.stokes, found.stokes, rtol=0.0, atol=1e-13)

@@ -10,8 +10,8 @@ import scipy.special
 import vrte
 from vrte.basics.errors import AccuracyError
 from vrte.basics.quadrature import find_gauss_legendre
-from vrte.methods.matrix_operator import propagator
 from vrte.methods.parts.slab import find_gauss_depths, solve_riccati, weigh_downward, weigh_upward
+from vrte.methods.slabs import propagator
 from vrte.methods.two_fluxes import BOUNDARIES
 
 from .helpers import assert_close

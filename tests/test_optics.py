@@ -14,7 +14,7 @@ import pytest
 
 import vrte
 from vrte._core import coated_sphere_coefficients, sphere_coefficients
-from vrte.optics.particle_kind import SizeAverageWarning
+from vrte.optics.particles import SizeAverageWarning
 from vrte.optics.refractive_index import MATERIALS, RefractiveIndex, refractive_index
 from vrte.optics.spheres import check_coated_spheres, compute_mie_coefficients, count_orders
 

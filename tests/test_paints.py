@@ -28,7 +28,7 @@ from vrte.formats.scene_file import (
     make_scene_file,
     read_content,
 )
-from vrte.render import setting
+from vrte.render import rendering
 from vrte.sweep.template import make_scene_at, read_sweep
 
 from .helpers import close_to
@@ -190,7 +190,7 @@ def test_the_viewer_takes_it_apart() -> None:
 @pytest.mark.parametrize("name", ["white_paint", "red_oxide"])
 def test_an_example_is_read_by_every_command(name: str) -> None:
     content = read_content(EXAMPLES / f"{name}.toml")
-    assert setting.read([EXAMPLES / f"{name}.toml"], None)[0][0].coloured
+    assert rendering.read([EXAMPLES / f"{name}.toml"], None)[0][0].coloured
     adopt_with_notes(content)
     asked = [{**one, "wavelength_um": 0.55} for one in (content, expand_content(content))]
     made, written = (make_scene_file(one, "brdf", EXAMPLES).scene.layers[0] for one in asked)

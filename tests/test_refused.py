@@ -20,7 +20,7 @@ from vrte.appearance.two_flux_fit import find_kubelka_munk
 from vrte.basics.splines import make_cosines
 from vrte.formats.scene_file import make_scene_file
 from vrte.formats.toml_table import parse_toml
-from vrte.methods.matrix_operator import propagator
+from vrte.methods.slabs import propagator
 from vrte.optics import shapes, spheres
 from vrte.request.how import AUTO, How
 from vrte.results.quantities import of_brdf, of_stokes

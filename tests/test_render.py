@@ -24,8 +24,14 @@ from vrte.render import objects, rendering
 from vrte.render.geometry import Camera, Lens, compute_normals, place_camera, place_lens
 from vrte.render.objects import MARGIN, SUN_RADIUS, Stage, View, draw_background, draw_object, mirror_sun
 from vrte.render.picture import Sheet, colour_angles, describe_layers
-from vrte.render.rendering import compute_pictures, find_facets, find_fine_table, measure_interpolation_error
-from vrte.render.setting import PictureSetting, read
+from vrte.render.rendering import (
+    PictureSetting,
+    compute_pictures,
+    find_facets,
+    find_fine_table,
+    measure_interpolation_error,
+    read,
+)
 from vrte.render.shapes import SHAPES, Body, Rays, find_shape, make_ball, make_body
 from vrte.render.sky import (
     Sky,

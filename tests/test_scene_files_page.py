@@ -17,7 +17,7 @@ from vrte.formats.particle_sources import SIZE_KEYS, SIZES, SOURCES
 from vrte.formats.scene_file import FILE_KEYS, OPTION_KEYS, REQUEST_KEYS
 from vrte.formats.toml_table import RANGE_KEYS, write_value
 from vrte.optics.crowding import PACKINGS
-from vrte.render.setting import OBJECTS, OWN, RANGES, PictureSetting
+from vrte.render.rendering import OBJECTS, OWN, RANGES, PictureSetting
 from vrte.render.sky import KINDS
 from vrte.request.how import OPTIONS
 from vrte.sweep.results import KEYS as APPEARANCE_KEYS

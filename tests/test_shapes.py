@@ -10,8 +10,8 @@ import pytest
 import vrte
 from vrte.basics.quadrature import find_gauss_legendre
 from vrte.formats.scene_file import make_scene_file
-from vrte.optics import particle_kind, shapes, transition_matrix
-from vrte.optics.particle_kind import SizeAverageWarning
+from vrte.optics import particles, shapes, transition_matrix
+from vrte.optics.particles import SizeAverageWarning
 from vrte.optics.phase_matrix import arrange_coefficients
 from vrte.optics.transition_matrix import CYLINDER, SPHEROID
 from vrte.sweep.store import make_file_name
@@ -142,7 +142,7 @@ def test_clear_particles_conserve_energy_and_look_random(kind: str, aspect_ratio
 
 WARNED = {  # of spheroids: what is set to what, the warning and its words, what is made
     "sizes": (
-        [(shapes, "MOST_RADII", 9), (shapes, "FEWEST_RADII", 5), (particle_kind, "DOUBTFUL", 1e-9)],
+        [(shapes, "MOST_RADII", 9), (shapes, "FEWEST_RADII", 5), (particles, "DOUBTFUL", 1e-9)],
         (SizeAverageWarning, "spheroids: not converged"),
         {"radius_um": None, "size": vrte.Gamma(0.1, 0.1)},
     ),

@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 
 from vrte import cli
-from vrte.commands.parser import make_parser
+from vrte.commands.common import make_parser
 from vrte.formats.scene_file import read_content, read_scene
-from vrte.render.setting import read as read_setting
+from vrte.render.rendering import read as read_setting
 from vrte.sweep.template import read_sweep
 
 ROOT = Path(__file__).parents[1]

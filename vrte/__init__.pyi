@@ -23,10 +23,10 @@ from vrte.calls.material import material as material
 from vrte.calls.mitsuba import to_mitsuba as to_mitsuba
 from vrte.calls.plan import plan as plan
 from vrte.calls.radiance import radiance as radiance
+from vrte.calls.radiance import views as views
 from vrte.calls.solve_base import solve_base as solve_base
 from vrte.calls.spectrum import spectrum as spectrum
 from vrte.calls.versions import show_versions as show_versions
-from vrte.calls.views import views as views
 from vrte.discrete_ordinates.derivatives.adjoint import Gradient as Gradient
 from vrte.discrete_ordinates.planning.plan import Plan as Plan
 from vrte.fit import Fit as Fit

@@ -21,8 +21,7 @@ from vrte import __version__
 from vrte.basics.errors import AccuracyError, DeviceError, MissingExtraError, SceneError, SweepError
 from vrte.basics.running import is_left_working
 from vrte.basics.starting import IS_COMMAND, WORDS, end
-from vrte.commands.common import Parser, carry_out, find_page
-from vrte.commands.parser import make_parser
+from vrte.commands.common import Parser, carry_out, find_page, make_parser
 
 IMPATIENT = 1.0  # seconds after which a second Ctrl-C is one
 SPELLED = {"\u03bc": "u", "°": " deg", "±": "+-", "\u2212": "-", "–": "-"}  # on terminals that have no such signs

@@ -5,8 +5,7 @@ import os
 from typing import Any
 
 from bench.study import make_markdown_table
-from vrte.commands.common import STARTERS, Parser
-from vrte.commands.parser import make_parser
+from vrte.commands.common import STARTERS, Parser, make_parser
 
 HERE, THIS = "reference", "reference/commands.md"
 INTRODUCTION = """# The command line

@@ -1,1 +1,1 @@
-"""The commands of `vrte`, listed in parser.py; the module of each has ``add``, its arguments, and ``run``."""
+"""The commands of `vrte`, listed in commands.toml; the module of each has ``add``, its arguments, and ``run``."""

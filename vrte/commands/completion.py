@@ -20,7 +20,7 @@ def add(command: Parser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     shtab = import_extra("shtab", "vrte completion", "completion")
-    from vrte.commands.parser import make_parser
+    from vrte.commands.common import make_parser
 
     parser = make_parser()
     for action in list_actions(parser):

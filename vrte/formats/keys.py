@@ -12,7 +12,7 @@ from typing import Any, ClassVar, NamedTuple, TypeVar
 from vrte.basics.errors import SceneError
 from vrte.formats.columns import read_index
 from vrte.formats.toml_table import GivenAs, Table, is_number, locate_errors
-from vrte.optics.particle_kind import find_host_index
+from vrte.optics.particles import find_host_index
 from vrte.optics.refractive_index import refractive_index
 
 Read = TypeVar("Read")

@@ -40,8 +40,8 @@ def find_method(name: str) -> Method:
         key: Setting(f"setting {key!r} of method {name!r}", **values, for_accuracy=by_accuracy.get(key))
         for key, values in row.get("settings", {}).items()
     }
-    operations = getattr(module, "predict_operations", None)
-    return Method(name, **row | {"solve": getattr(module, solve)}, operations=operations)
+    own = {"solve": getattr(module, solve), "operations": getattr(module, row.get("operations", ""), None)}
+    return Method(name, **row | own)
 
 
 def choose_method(request: Request) -> Request:

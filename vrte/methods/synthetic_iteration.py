@@ -19,10 +19,10 @@ from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.truncating import find_peak_flux
 from vrte.methods import solve_request
+from vrte.methods.closed_forms import expand_diffuse_part
 from vrte.methods.parts.method import Answer, Task, discretise_request
 from vrte.methods.parts.sections import POINTS, Order, Section, Sections
 from vrte.methods.parts.slab import connect_media
-from vrte.methods.small_angle import expand_diffuse_part
 from vrte.methods.two_fluxes import (
     BOUNDARIES,
     TwoFluxes,

@@ -11,15 +11,15 @@ from vrte.basics import cost
 from vrte.basics.arrays import Array, check_number
 from vrte.basics.errors import AccuracyWarning, SceneError, warn_user
 from vrte.basics.running import count_usable_cpus
-from vrte.optics.particle_kind import (
+from vrte.optics.particles import (
     ParticleKind,
+    Particles,
     check_kind,
     describe_convergence,
     describe_index,
     make_check,
     refuse_size,
 )
-from vrte.optics.particles import Particles
 from vrte.optics.populations import make_phase_matrix
 from vrte.optics.refractive_index import Material
 from vrte.optics.size_distribution import SizeDistribution

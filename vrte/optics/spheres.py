@@ -16,15 +16,15 @@ from vrte._core import coated_sphere_coefficients, coated_sphere_slopes, sphere_
 from vrte.basics.arrays import Array, check_number
 from vrte.basics.errors import SceneError
 from vrte.basics.quadrature import find_gauss_legendre
-from vrte.optics.particle_kind import (
+from vrte.optics.particles import (
     ParticleKind,
+    Particles,
     check_kind,
     describe_convergence,
     describe_index,
     make_check,
     refuse_size,
 )
-from vrte.optics.particles import Particles
 from vrte.optics.phase_matrix import arrange_coefficients, project_elements
 from vrte.optics.populations import (
     ANGLES_AT_ONCE,

@@ -23,8 +23,7 @@ from vrte.formats.toml_table import read_fraction
 from vrte.pictures.describe import INK
 from vrte.pictures.figures import DPI, limit_ticks, make_figure, require_pictures
 from vrte.pictures.lobes import compute_lobe, draw_lobe, make_lobe_colours
-from vrte.render.rendering import Rendering
-from vrte.render.setting import PictureSetting
+from vrte.render.rendering import PictureSetting, Rendering
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

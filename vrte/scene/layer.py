@@ -8,8 +8,7 @@ from vrte.basics.arrays import check_fields, check_number
 from vrte.basics.errors import SceneError
 from vrte.basics.views import view
 from vrte.optics.crowding import INDEPENDENT, check_packing, pack
-from vrte.optics.particle_kind import find_absorption, find_host_index
-from vrte.optics.particles import HOST_ALLOWED, Particles
+from vrte.optics.particles import HOST_ALLOWED, Particles, find_absorption, find_host_index
 from vrte.optics.phase_matrix import PhaseMatrix, isotropic
 from vrte.optics.refractive_index import Material, check_wavelength
 

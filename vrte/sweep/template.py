@@ -41,8 +41,7 @@ from vrte.formats.toml_table import (
     show_toml,
     split_key,
 )
-from vrte.optics.particle_kind import find_host_index
-from vrte.optics.particles import Particles
+from vrte.optics.particles import Particles, find_host_index
 from vrte.optics.phase_matrix import isotropic
 from vrte.sweep.results import RESERVED, TABLE, AskedAppearance, Results, Sample, describe_results, read_asked
 

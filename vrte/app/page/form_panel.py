@@ -13,8 +13,7 @@ from vrte.app.form.checks import name_part
 from vrte.app.form.fields import LONGEST_TEXT, find_field, get_value, parse_field_text, write_field_text
 from vrte.app.page import controls
 from vrte.app.page.controls import OUTLINED, add_message, add_note, make_icon, report_errors
-from vrte.app.solving.page_files import LARGEST_LIST, LARGEST_TABLE, check_size
-from vrte.app.solving.tab_session import TabSession
+from vrte.app.solving.tab_session import LARGEST_LIST, LARGEST_TABLE, TabSession, check_size
 from vrte.basics.errors import Place
 from vrte.formats.bases import BASES, FACETS
 from vrte.formats.keys import TABLE, Choice, FilePath, Flag, Numbers, Substance

@@ -20,7 +20,7 @@ from vrte.app.page.controls import notify, report_errors, show
 from vrte.app.page.form_panel import FormPanel
 from vrte.app.page.result_panel import OF_BRDF, ResultPanel
 from vrte.app.server.guard import LARGEST_UPLOAD
-from vrte.app.solving import page_files
+from vrte.app.solving import tab_session
 from vrte.app.solving.measuring import is_measurement
 from vrte.app.solving.tab_session import TabSession
 from vrte.app.solving.worker import Adopted, Outcome, Refused, Task, Written
@@ -108,9 +108,9 @@ class Page:
                 controls.add_menu_item(f"{title}, {words}", partial(self.hand_out_result, kind, suffix))
         controls.add_menu_item("picture of the figure, PNG", self.picture)
         controls.add_menu_item("BRDF as a Mitsuba tensor (solves for its directions)", self.tensor)
-        colours = partial(self.hand_out, lambda: page_files.make_colours_download(session.live, session.content))
+        colours = partial(self.hand_out, lambda: tab_session.make_colours_download(session.live, session.content))
         controls.add_menu_item("colours, gloss and hiding of Appearance, CSV", colours)
-        scene = partial(self.hand_out, lambda: page_files.make_scene_download(session.content, session.uploads))
+        scene = partial(self.hand_out, lambda: tab_session.make_scene_download(session.content, session.uploads))
         controls.add_menu_item("scene, TOML", scene)
 
     def _solve_bar(self) -> None:
@@ -236,7 +236,7 @@ class Page:
     async def hand_out_result(self, kind: str, suffix: str) -> None:
         """The BRDF or the field as a file."""
         outcome, which = self.session.outcome, self.session.view["wavelength"]
-        await self.hand_out(lambda: page_files.make_result_download(kind, outcome, suffix, which))
+        await self.hand_out(lambda: tab_session.make_result_download(kind, outcome, suffix, which))
 
     def fill(self, content: Content, notes: tuple[str, ...] = ()) -> None:
         """The form with another scene, and what was filled in."""
@@ -302,7 +302,7 @@ class Page:
         with report_errors(self.complain):
             for message in self.session.find_problems().values():
                 raise SceneError(message)
-            wavelengths = page_files.choose_tensor_wavelengths(self.session.content)
+            wavelengths = tab_session.choose_tensor_wavelengths(self.session.content)
             self.report.set_text(f"Solving for the tensor at {', '.join(f'{one:g}' for one in wavelengths)} µm.")
             self.session.start(self.session.make_task("solve.write_tensor", wavelengths_um=wavelengths))
 

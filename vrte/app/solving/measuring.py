@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from vrte.app.form.content import Content, list_page_wavelengths, select_wavelength
-from vrte.app.solving.page_files import collect_bytes, read_bytes
+from vrte.app.solving.tab_session import collect_bytes, read_bytes
 from vrte.app.solving.worker import Exchange, Fitted, Message, Progress, Refused, Step, Task, explain_failure
 from vrte.basics.arrays import Array
 from vrte.basics.errors import IndistinguishableWarning, LongSolveWarning, MissingExtraError, SceneError

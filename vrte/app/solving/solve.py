@@ -12,7 +12,7 @@ from vrte.app.form import content as form
 from vrte.app.form.checks import PartRead, select_part
 from vrte.app.form.content import Content
 from vrte.app.form.files import adopt_with_notes, parse_content, read_link
-from vrte.app.solving.page_files import collect_bytes, read_bytes
+from vrte.app.solving.tab_session import collect_bytes, read_bytes
 from vrte.app.solving.worker import Adopted, Exchange, Outcome, Planned, Progress, Reflectances, Written
 from vrte.appearance.colours import convert_to_hex
 from vrte.basics.arrays import Array, put_in_one_line

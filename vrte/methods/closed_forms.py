@@ -1,22 +1,59 @@
-"""The small-angle approximation, (2:28)-(2:29): the beam as it spreads, and nothing that turns back.
+"""Methods in closed form: light scattered once, (2:24)-(2:26) with s = 1, and small angles, (2:28)-(2:29).
 
-Every direction is taken to travel as steeply as the beam, so degree l of the field's expansion about the beam decays as
-E_l = exp(-(1 - omega S_l) tau/mu0), S_l the 4x4 matrix of the coefficients of degree l over 2 l + 1. The diffuse part
-has E_l - exp(-tau/mu0) instead, which ends where the phase matrix does: without that the sum does not converge. Over
-all Fourier orders the generalized spherical functions of (2:29) add up to those of the angle from the beam. Light going
-down only: nothing is reflected, and what the sum leaves above the horizon is taken as zero.
+Of small angles every direction is taken to travel as steeply as the beam, so degree l of the field's expansion about
+the beam decays as E_l = exp(-(1 - omega S_l) tau/mu0), S_l the 4x4 matrix of the coefficients of degree l over 2 l + 1.
+The diffuse part has E_l - exp(-tau/mu0) instead, which ends where the phase matrix does: without that the sum does not
+converge. Over all Fourier orders the generalized spherical functions of (2:29) add up to those of the angle from the
+beam. Light goes down only: nothing is reflected, and what the sum leaves above the horizon is taken as zero.
 """
+
+from dataclasses import replace
 
 import numpy as np
 
 from vrte import _core
+from vrte.basics import cost
 from vrte.basics.arrays import Array
 from vrte.basics.differences import divide_exp_once
+from vrte.basics.quadrature import make_double_gauss
 from vrte.discrete_ordinates.execution.sums import Part, make_parts, prepare_closed_form
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.small_angle import Anisotropic, AnySpreading, Beam
-from vrte.methods.parts.method import Answer, Task
+from vrte.methods.parts.method import NODES, Answer, Task, discretise_request
+from vrte.request.request import Wanted
 from vrte.scene.scene import Scene
+
+
+def solve_by_single_scattering(task: Task) -> Answer:
+    """Single scattering with all terms of the phase matrix; fluxes by quadrature over its nodes."""
+    parts = task.sum_orders(task.problem)
+    return task.answer(parts, integrate_fluxes(task), task.problem)
+
+
+def integrate_fluxes(task: Task) -> tuple[Array, Array]:
+    """Diffuse fluxes up and down, (n_tau, n_in, n_col), from the radiance along the nodes averaged over azimuth."""
+    request = task.request
+    points, weights = make_double_gauss(request.nodes or NODES)
+    mu = np.concatenate([points, -points])
+    terms = max(layer.phase_matrix.terms for layer in request.scene.layers)
+    phi: Array = np.linspace(0.0, 360.0, 2 * terms, endpoint=False)
+    levels, directions = np.arange(request.tau.size, dtype=np.int32), np.arange(mu.size, dtype=np.int32)
+    columns = np.arange(request.columns.shape[0], dtype=np.int32)
+    wanted = Wanted([(levels, directions)], columns, np.ones(request.mu0.size))
+    along = replace(request, mu=mu, phi=phi, wanted=wanted)
+    (values,) = replace(task, request=along).sum_orders(discretise_request(along))
+    mean = values[..., 0, :].mean(axis=3)  # (n_tau, n_in, n_mu, n_col)
+    up, down = (np.einsum("tioc,o->tic", half, 2.0 * np.pi * weights * points) for half in np.split(mean, 2, axis=2))
+    return up, down
+
+
+def predict_fluxes(task: Task) -> float:
+    """Series of all terms towards the nodes at twice as many azimuths, for the fluxes."""
+    layers = task.request.scene.layers
+    terms = float(max(layer.phase_matrix.terms for layer in layers))
+    towards = task.request.mu0.size * 2.0 * task.problem.nodes.size * 2.0 * terms
+    return cost.A_TERM * len(layers) * terms * towards
+
 
 NO_TENSOR = [1, 2, 4, 5]  # a2, a3, b1 and b2, whose functions vanish below degree 2
 NOTE = "small-angle: nothing goes up; radiance there is zero by definition"
