@@ -1,4 +1,4 @@
-"""From scene files with a table [render] to what a picture shows: light, camera, objects, colours and Stokes vectors."""
+"""From scene files with a table [render] to what a picture shows: light, camera, objects, colours, Stokes vectors."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace

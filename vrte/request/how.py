@@ -6,6 +6,7 @@ work, and which linear algebra: Table 1 of the GPU paper, and its six configurat
 
 import math
 import re
+import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from enum import Enum
@@ -51,8 +52,9 @@ def find_backend(label: str) -> Backend:
 
 EXACT = "discrete-ordinates"
 AUTO = "auto"  # one of the methods, by the rules of vrte/methods/parts/auto.py
-_TABLE = Path(__file__).parents[1] / "methods" / "methods.toml"  # a table a method
-METHODS = (EXACT, *sorted({*re.findall(r"^\[([a-z-]+)\]$", _TABLE.read_text("utf-8"), re.MULTILINE)} - {EXACT}))
+_TABLES = tomllib.loads(Path(__file__).with_name("options.toml").read_text("utf-8"))
+_METHODS = Path(__file__).parents[1] / "methods" / "methods.toml"  # a table a method
+METHODS = (EXACT, *sorted(tomllib.loads(_METHODS.read_text("utf-8")).keys() - {EXACT}))
 METHOD_NAMES = (*METHODS, AUTO)  # that can be asked for
 ALGORITHMS = ("auto", "direct", "modes", "doubling", "invariance")
 BY_RULE = ("auto", "direct")  # direct: auto's rule without what iterates to a tolerance
@@ -93,23 +95,24 @@ def check_settings(name: str, value: Any) -> dict[str, Any]:
     return dict(value)
 
 
-def make_option(default: Any, *words: Any) -> Any:
-    """A field of `How` with its `Option`."""
-    return field(default=None, metadata={"option": Option(default, *words)})
+def make_option(
+    name: str, default: Any, of: type, check: Callable[[str, Any], Any], allowed: str, choices: tuple[str, ...] = ()
+) -> Any:
+    """A field of `How` with its `Option`, in the words of options.toml."""
+    words = {part: text.format_map(globals()) for part, text in _TABLES["options"][name].items()}
+    return field(default=None, metadata={"option": Option(default, of, check, allowed, choices=choices, **words)})
 
 
-def make_choice_option(default: str, choices: tuple[str, ...], short: str, more: str = "") -> Any:
+def make_choice_option(name: str, default: str, choices: tuple[str, ...]) -> Any:
     """The same for one of some names."""
-    allowed = " or ".join(f'"{name}"' for name in choices)
-    return make_option(
-        default, str, lambda name, value: check_choice(name, value, choices), allowed, short, more, choices
-    )
+    allowed = " or ".join(f'"{choice}"' for choice in choices)
+    return make_option(name, default, str, lambda key, value: check_choice(key, value, choices), allowed, choices)
 
 
-def make_number_option(most: int, short: str, more: str = "") -> Any:
+def make_number_option(name: str, most: int) -> Any:
     """The same for a whole number from 1 on, None where vrte finds it."""
     allowed = f"a whole number from 1 to {most}"
-    return make_option(None, int, lambda name, value: check_whole(name, value, 1, most), allowed, short, more)
+    return make_option(name, None, int, lambda key, value: check_whole(key, value, 1, most), allowed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,95 +127,40 @@ class How:
     (1e-08, frozenset({'backend'}))
     """
 
-    algorithm: str = make_choice_option(
-        "auto",
-        ALGORITHMS,
-        "algorithm of discrete ordinates; default: auto",
-        ', which takes one by rule; "modes": eigenvectors; "doubling": impedance doubling, no eigenproblem; '
-        '"invariance": semi-infinite layers by the invariance of their reflection; "direct": the rule without what '
-        "iterates to a tolerance",
-    )
-    verify: bool = make_option(
-        False,
-        bool,
-        check_flag,
-        "true or false",
-        "solve by both algorithms and report their agreement",
-        ', in ``diagnostics["agreement"]``',
-    )
+    algorithm: str = make_choice_option("algorithm", "auto", ALGORITHMS)
+    verify: bool = make_option("verify", False, bool, check_flag, "true or false")
     accuracy: float = make_option(
+        "accuracy",
         None,
         float,
         lambda name, value: check_number(name, value, FINEST, COARSEST, f"between {FINEST:g} and {COARSEST:g}"),
         f"a number between {FINEST:g} and {COARSEST:g}",
-        "relative to the largest I at each depth",
-        f": of the discrete problem where nodes are given (default {WITH_NODES:g}), of the continuous one where they "
-        f'are found by it (default {WITHOUT_NODES:g}; ``diagnostics["promised"]`` and ``["notes"]`` say where it '
-        "cannot be promised)",
     )
-    truncation: str = make_choice_option(
-        "auto",
-        CHOICES,
-        "what becomes of phase matrices with more than 2 N terms; default: auto",
-        ', which takes one by rule; "none" cuts them, "delta-m" counts their forward peak as light that was not '
-        'scattered, "small-angle" does so too and spreads that light (docs/explanation/truncation.md)',
-    )
+    truncation: str = make_choice_option("truncation", "auto", CHOICES)
     backend: Backend = make_option(  # noqa: RUF009
+        "backend",
         "openmp",
         str,
         lambda name, value: value if isinstance(value, Backend) else find_backend(check_choice(name, value, BACKENDS)),
         "",
-        "what computes; default: openmp",
-        ', the compiled core on ``threads``; "sequential": the same on one; "opencl": an OpenCL device; the others are '
-        "mixtures (docs/how_to/opencl.md)",
         BACKENDS,
     )
-    method: str = make_choice_option(
-        EXACT,
-        METHOD_NAMES,
-        f"default: {EXACT}, exact; {AUTO}: by rule, for the accuracy; others: docs/explanation/methods.md",
-        '. With "auto" there are no nodes and settings, and ``diagnostics["method_rule"]`` says which method it took',
-    )
+    method: str = make_choice_option("method", EXACT, METHOD_NAMES)
     settings: Mapping[str, Any] = make_option(
-        {},
-        dict,
-        check_settings,
-        "a table of the method's settings by name",
-        "settings of the method, by name (docs/explanation/methods.md)",
+        "settings", {}, dict, check_settings, "a table of the method's settings by name"
     )
-    illuminate: str = make_choice_option(
-        "top",
-        SIDES,
-        "where the light comes from; default: top",
-        "; from the bottom for scenes without a base and with a finite thickness",
-    )
+    illuminate: str = make_choice_option("illuminate", "top", SIDES)
     time_limit_s: float = make_option(
+        "time_limit_s",
         cost.TIME_LIMIT_S,
         float,
         lambda name, value: check_number(name, value, 0.0, math.inf, "seconds"),
         "seconds above 0, inf for no limit",
-        f"what is predicted to take longer is refused; default: {cost.TIME_LIMIT_S:g}, inf for none",
-        ". The prediction is good to a factor of about 3; above 20 s it is reported at once in a LongSolveWarning",
     )
-    precision: str = make_choice_option(
-        "auto",
-        PRECISIONS,
-        "what an OpenCL device computes in; default: auto",
-        f', double where the device has it; "double"; "single", floats for an accuracy of {OF_SINGLE:g} and coarser '
-        "(docs/how_to/opencl.md)",
-    )
-    nodes: int | None = make_number_option(
-        MOST_NODES,
-        "nodes in each hemisphere",
-        ": 2 x nodes terms of the phase matrix are used for multiple scattering, all of them for single scattering; "
-        "default: as many as the accuracy takes",
-    )
-    grading: int | None = make_number_option(
-        MOST_GRADING,
-        "nodes mu = x^grading of Gauss's x, which crowd at the horizon",
-        ": 1 are those of (1:15), the default where nodes are given; otherwise it is chosen with them",
-    )
-    threads: int | None = make_number_option(MOST_THREADS, "how many; default: all CPUs that may be used")
+    precision: str = make_choice_option("precision", "auto", PRECISIONS)
+    nodes: int | None = make_number_option("nodes", MOST_NODES)
+    grading: int | None = make_number_option("grading", MOST_GRADING)
+    threads: int | None = make_number_option("threads", MOST_THREADS)
     given: Any = None  # frozenset of names
 
     def __post_init__(self) -> None:
@@ -264,37 +212,7 @@ def check_options(*options: Any, **more: Any) -> How:
 
 keep_options = lru_cache(maxsize=64, typed=True)(How)
 OPTIONS: dict[str, Option] = {one.name: one.metadata["option"] for one in fields(How) if one.metadata}
-WORDS: dict[str, tuple[str, str]] = {  # of parameters of public calls that are no options, and of what they raise
-    "scene": ("scene : Scene", "What light meets."),
-    "source": ("scene : path or mapping", "A TOML file, or its content, parsed."),
-    "folder": ("folder : path, optional", "Where the tables that a parsed content names lie."),
-    "progress": ("progress : callable, optional", "Called with (steps done, steps) as the work goes on."),
-    "mu_i": ("mu_i : float or sequence of float", "Cosines of incidence, n_in, above 0 up to 1."),
-    "mu_o": ("mu_o : float or sequence of float", "Cosines of exit, n_out, above 0 up to 1."),
-    "phi": (
-        "phi : float or sequence of float, optional",
-        "Azimuths from the heading of the incident light [degrees], n_phi.",
-    ),
-    "wavelengths_um": (
-        "wavelengths_um : sequence of float, optional",
-        "Ascending [um]; by default those that the file lists, or 16 from 0.40 to 0.70 as far as its substances are "
-        "known.",
-    ),
-    "illuminant": ("illuminant : str, optional", '"D65", "A", "FL11" or another of CIE\'s, for colours.'),
-    "observer": ("observer : {10, 2}, optional", "Degrees of the standard observer."),
-    "layer": ("layer : int, optional", "Which layer is the film, from 1; by default the only one that scatters."),
-    "transmission": ("transmission : bool, optional", "Adds the BTDF; not for a semi-infinite layer."),
-    "derivatives": (
-        "derivatives : sequence of str or Variation, optional",
-        'Numbers of the scene, "layer[1].thickness" (docs/how_to/derivatives.md), and other directions: how all that '
-        "is found changes with them is then in ``jacobian`` and the other arrays of that ending.",
-    ),
-    "SceneError": ("SceneError", "For bad input, in one sentence; ``error.place`` is the argument that it is about."),
-    "AccuracyError": ("AccuracyError", "Where no algorithm can verify its answer."),
-    "DeviceError": ("DeviceError", "Where an OpenCL device is missing or fails."),
-    "OSError": ("OSError", "Where a file cannot be read or written."),
-    "MissingExtraError": ("MissingExtraError", "Without an extra, which it names."),
-}
+WORDS: dict[str, list[str]] = _TABLES["words"]  # of parameters of public calls that are no options, and what they raise
 
 
 def complete_docstring(call: Call) -> Call:
