@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 import vrte
+from vrte.app.form.checks import begin_with_material, list_films
 from vrte.app.form.content import START, put
 from vrte.app.form.fields import get_value
-from vrte.app.form.files import begin_with_material, list_films
 from vrte.app.form.numbers import STEPS, explain_missing, list_sliders
 from vrte.app.solving import appearance, worker
 from vrte.app.solving.appearance import AppearanceAnswerer, Appeared

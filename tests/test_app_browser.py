@@ -18,8 +18,8 @@ import pytest
 
 import vrte
 from vrte.app.form import content as form
+from vrte.app.form.checks import write_link
 from vrte.app.form.content import START, Content
-from vrte.app.form.files import write_link
 from vrte.app.solving.tab_session import LARGEST_TABLE
 from vrte.formats.bases import BASES
 from vrte.formats.keys import FilePath

@@ -8,9 +8,8 @@ from typing import Any
 import pytest
 
 import vrte
-from vrte.app.form.checks import WAITS
+from vrte.app.form.checks import WAITS, adopt_with_notes
 from vrte.app.form.content import START, Content
-from vrte.app.form.files import adopt_with_notes
 from vrte.app.solving import tab_session, worker
 from vrte.app.solving.tab_session import LARGEST_LIST, LARGEST_TABLE, MOST_TABLES, TabSession, TabSessions, Uploads
 from vrte.formats.columns import read_coefficients

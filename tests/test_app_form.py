@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 import vrte
 from vrte.app.form import checks
 from vrte.app.form import content as form
+from vrte.app.form.checks import MOST_OF_AXIS, adopt_with_notes, begin_with_material, write_content
 from vrte.app.form.fields import find_field, list_places, parse_field_text, translate_message, write_field_text
-from vrte.app.form.files import MOST_OF_AXIS, adopt_with_notes, begin_with_material, write_content
 from vrte.formats.bases import BASES
 from vrte.formats.keys import Choice, FilePath, Flag
 from vrte.formats.layers import LAYER_KEYS, PHASES

@@ -18,7 +18,7 @@ import pytest
 
 import vrte
 from vrte.app.form import content as form
-from vrte.app.form.files import adopt_with_notes, write_link
+from vrte.app.form.checks import adopt_with_notes, write_link
 from vrte.app.solving import tab_session as downloads
 from vrte.app.solving.solve import adopt, make_outcome, read, solve
 from vrte.app.solving.tab_session import MOST_TABS, TabSessions
@@ -107,7 +107,7 @@ def test_strangers_files_are_read_in_a_process_of_its_own(outcome: Outcome, monk
         refused = work(call, given, **more)[-1]
         assert isinstance(refused, Refused)
         assert words in refused.message
-    monkeypatch.setattr("vrte.app.form.files.parse_toml", lambda text: pytest.fail("the server has parsed it"))
+    monkeypatch.setattr("vrte.app.form.checks.parse_toml", lambda text: pytest.fail("the server has parsed it"))
     assert ask(Query(), "solve.adopt", scene, **names) == expected
     found = ask(Query(), "solve.read", downloads.make_result_download(*field)[1], suffix=".nc")
     np.testing.assert_array_equal(found.fields[0].stokes, outcome.fields[0].stokes)

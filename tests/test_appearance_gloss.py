@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.appearance.apertures import Rectangular, Round, collect_mirrored, project_solid_angle
+from vrte.appearance.geometries import Rectangular, Round, collect_mirrored, project_solid_angle
 from vrte.appearance.gloss import (
     BLACK_GLASS,
     RECEPTORS,

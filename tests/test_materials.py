@@ -12,7 +12,7 @@ import pytest
 
 import vrte
 from vrte import SceneError
-from vrte.app.form.files import adopt_with_notes
+from vrte.app.form.checks import adopt_with_notes
 from vrte.appearance.colours import import_colour_science
 from vrte.commands import materials as commands
 from vrte.formats.materials import expand_materials, find_material, list_materials

@@ -10,7 +10,7 @@ import pytest
 
 import vrte
 from vrte import SceneError
-from vrte.app.form.files import adopt_with_notes
+from vrte.app.form.checks import adopt_with_notes
 from vrte.formats.materials import (
     PIGMENTS,
     REPLACED,

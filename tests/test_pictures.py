@@ -24,9 +24,9 @@ from vrte.pictures import results
 from vrte.pictures.describe import MIRRORED
 from vrte.pictures.lobes import STEP, compute_lobe, describe_mirrored_beam, lobe, name_brdf
 from vrte.pictures.notebook import draw_brdf
+from vrte.results.brdf import Spectrum
 from vrte.results.over_hemisphere import check_directions, stokes_over_hemisphere
 from vrte.results.quantities import FIELD_QUANTITIES, QUANTITIES, of_stokes
-from vrte.results.spectrum import Spectrum
 
 from .helpers import assert_close, close_to
 

@@ -10,9 +10,8 @@ import pytest
 
 import vrte
 from vrte.appearance import kubelka_munk as km
-from vrte.appearance.apertures import Rectangular, Round, collect_mirrored
 from vrte.appearance.colours import find_colour
-from vrte.appearance.geometries import read_geometry
+from vrte.appearance.geometries import Rectangular, Round, collect_mirrored, read_geometry
 from vrte.appearance.gloss import find_gloss
 from vrte.appearance.hiding import Conditions, find_hiding
 from vrte.appearance.panel import Panel, make_panel

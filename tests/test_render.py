@@ -21,7 +21,19 @@ from vrte.basics.errors import MissingExtraError, SceneError
 from vrte.optics.facets import RoughSurface
 from vrte.optics.fresnel import reflect_smooth
 from vrte.render import objects, rendering
-from vrte.render.geometry import Camera, Lens, compute_normals, place_camera, place_lens
+from vrte.render.geometry import (
+    SHAPES,
+    Body,
+    Camera,
+    Lens,
+    Rays,
+    compute_normals,
+    find_shape,
+    make_ball,
+    make_body,
+    place_camera,
+    place_lens,
+)
 from vrte.render.objects import MARGIN, SUN_RADIUS, Stage, View, draw_background, draw_object, mirror_sun
 from vrte.render.picture import Sheet, colour_angles, describe_layers
 from vrte.render.rendering import (
@@ -32,7 +44,6 @@ from vrte.render.rendering import (
     measure_interpolation_error,
     read,
 )
-from vrte.render.shapes import SHAPES, Body, Rays, find_shape, make_ball, make_body
 from vrte.render.sky import (
     Sky,
     choose_wavelengths,

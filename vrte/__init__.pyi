@@ -19,12 +19,12 @@ from vrte.calls.brdf import brdf as brdf
 from vrte.calls.brdfs import brdfs as brdfs
 from vrte.calls.linearize import Linearized as Linearized
 from vrte.calls.linearize import linearize as linearize
-from vrte.calls.material import material as material
 from vrte.calls.mitsuba import to_mitsuba as to_mitsuba
 from vrte.calls.plan import plan as plan
 from vrte.calls.radiance import radiance as radiance
 from vrte.calls.radiance import views as views
 from vrte.calls.solve_base import solve_base as solve_base
+from vrte.calls.spectrum import material as material
 from vrte.calls.spectrum import spectrum as spectrum
 from vrte.calls.versions import show_versions as show_versions
 from vrte.discrete_ordinates.derivatives.adjoint import Gradient as Gradient
@@ -64,9 +64,9 @@ from vrte.optics.spheres import spheres as spheres
 from vrte.results import over_hemisphere as over_hemisphere
 from vrte.results import quantities as quantities
 from vrte.results.brdf import Brdf as Brdf
+from vrte.results.brdf import Spectrum as Spectrum
 from vrte.results.field import Field as Field
 from vrte.results.field import Views as Views
-from vrte.results.spectrum import Spectrum as Spectrum
 from vrte.scene.boundary import Lambertian as Lambertian
 from vrte.scene.boundary import MuellerBase as MuellerBase
 from vrte.scene.facets import Facets as Facets

@@ -25,7 +25,7 @@ from vrte.basics.polarization import find_angle_of_linear_polarization, find_deg
 from vrte.basics.running import Progress, share_progress
 from vrte.calls.spectrum import Source
 from vrte.request.how import complete_docstring
-from vrte.results.spectrum import Spectrum
+from vrte.results.brdf import Spectrum
 
 VISUAL = "45:0"  # the default: the surface's mirror image is left out
 

@@ -16,15 +16,13 @@ from typing import Any
 
 import numpy as np
 
-from vrte.appearance.apertures import Rectangular, collect_mirrored, project_solid_angle
 from vrte.appearance.colours import weigh_wavelengths
-from vrte.appearance.geometries import find_place
+from vrte.appearance.geometries import Rectangular, collect_mirrored, find_place, project_solid_angle
 from vrte.appearance.panel import Panel
 from vrte.basics.arrays import Array, show_value
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress
-from vrte.results.brdf import Brdf
-from vrte.results.spectrum import Spectrum
+from vrte.results.brdf import Brdf, Spectrum
 from vrte.scene.interface import Interface
 
 SOURCE = Rectangular(0.75, 2.5)  # image of the lamp, in the plane of measurement and across it [deg]

@@ -20,9 +20,9 @@ from vrte.formats.materials import expand_content
 from vrte.formats.particle_sources import Compute, make_particles
 from vrte.formats.scene_file import find_known_wavelengths, make_scene_file, read_content, read_listed_wavelengths
 from vrte.request.request import Request
+from vrte.results.brdf import Spectrum, check_ascending
 from vrte.results.field import Field
 from vrte.results.result import find_finest_nodes
-from vrte.results.spectrum import Spectrum, check_ascending
 from vrte.scene.boundary import Boundary
 from vrte.scene.interface import Interface
 from vrte.scene.layer import LARGEST_THICKNESS

@@ -29,8 +29,8 @@ from vrte.formats.measured_polarized import (
     write_nested_scene,
 )
 from vrte.request.how import EXACT, complete_docstring
+from vrte.results.brdf import Spectrum, check_ascending
 from vrte.results.result import find_finest_nodes
-from vrte.results.spectrum import Spectrum, check_ascending
 from vrte.scene.scene import Scene
 
 if TYPE_CHECKING:

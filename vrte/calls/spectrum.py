@@ -1,5 +1,6 @@
-"""vrte.spectrum: the BRDF of a scene file at several wavelengths."""
+"""vrte.spectrum: the BRDF of a scene file at several wavelengths; and vrte.material: the layer of a ready one."""
 
+import math
 import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -7,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from vrte.basics.arrays import Array
+from vrte.basics.arrays import Array, check_number
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, share_progress
 from vrte.calls.brdfs import solve_brdfs
@@ -16,7 +17,8 @@ from vrte.formats.scene_family import SceneFamily
 from vrte.formats.scene_file import SceneFile, make_scene_file, read_content, read_listed_wavelengths, read_scene
 from vrte.request.how import complete_docstring
 from vrte.request.request import Request
-from vrte.results.spectrum import Spectrum, add_scene_text, check_ascending
+from vrte.results.brdf import Spectrum, add_scene_text, check_ascending
+from vrte.scene.layer import Layer
 from vrte.scene.vary import Variation
 
 Source = str | os.PathLike[str] | Mapping[str, Any]  # a scene file, or its content
@@ -153,3 +155,63 @@ def solve_spectrum(
         requests = [make_request("brdf", file.scene, **file.keywords(asked)) for file in files]
         found = solve_brdfs(requests, progress, "wavelengths", warned, variations)
     return Spectrum(wavelengths, tuple(add_scene_text(one, files[0].text) for one in found))
+
+
+ONE = "layer[1]."  # where a scene file would have it
+
+
+def material(
+    name: str,
+    wavelength_um: float,
+    *,
+    thickness: float | None = None,
+    thickness_um: float | None = None,
+    volume_fraction: float | None = None,
+    packing: str | None = None,
+) -> Layer:
+    """A layer of a ready material, as thick and as dense as it is typically, where nothing else is said.
+
+    Parameters
+    ----------
+    name : str
+        One of `vrte.materials()`, or the path of a file of one's own, "my_paint.toml" (docs/how_to/materials.md).
+    wavelength_um : float
+        In vacuum [um].
+    thickness, thickness_um : float, optional
+        Optical, or geometrical [um], in place of the typical one; powders and snow need volume_fraction with the
+        latter.
+    volume_fraction : float, optional
+        Of all its particles together.
+    packing : str, optional
+        One of those of `Layer.of`, which docs/how_to/particles.md describes.
+
+    Returns
+    -------
+    Layer
+        In its host medium: above a resin belongs a `vrte.Interface` (docs/how_to/interfaces.md).
+
+    Raises
+    ------
+    SceneError
+        For an unknown name, a wavelength outside the tables of what it consists of, and what `Layer.of` refuses.
+
+    Examples
+    --------
+    >>> import vrte
+    >>> vrte.material("rutile in alkyd", 0.55).host_index
+    1.52
+    """
+    from vrte.formats.scene_file import make_scene_file
+
+    given: dict[str, Any] = {"thickness": thickness, "thickness_um": thickness_um, "volume_fraction": volume_fraction}
+    layer: dict[str, Any] = {"material": name} | ({} if packing is None else {"packing": packing})
+    for key, value in given.items():
+        if value is not None:
+            layer[key] = check_number(key, value, 0.0, math.inf, "a number >= 0")
+    wavelength = check_number("wavelength_um", wavelength_um, 0.0, math.inf, "a length")
+    content = {"wavelength_um": wavelength, "layer": [layer], "brdf": {"mu_i": 1.0, "mu_o": 1.0}}
+    try:
+        found: Layer = make_scene_file(content).scene.layers[0]
+    except SceneError as error:
+        raise SceneError(str(error).removeprefix(ONE), *error.place[2:]) from error
+    return found

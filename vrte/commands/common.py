@@ -186,7 +186,7 @@ def make_whole_number_reader(low: int, high: int) -> Reader:
 
 def read_wavelengths(text: str) -> list[float]:
     """Ascending wavelengths [um], with commas between them."""
-    from vrte.results.spectrum import check_ascending
+    from vrte.results.brdf import check_ascending
 
     try:
         found: list[float] = check_ascending([float(item) for item in text.split(",")]).tolist()

@@ -20,7 +20,7 @@ from vrte.formats.toml_table import Table, write_toml
 from vrte.optics.refractive_index import MATERIALS, Material, refractive_index
 from vrte.optics.spheres import spheres
 from vrte.pictures.figures import save_figure
-from vrte.results.spectrum import MOST_WAVELENGTHS, check_ascending
+from vrte.results.brdf import MOST_WAVELENGTHS, check_ascending
 
 PLACE = "material"  # of its options, for the page that says more
 INDEX = ("n", "k")

@@ -6,8 +6,8 @@ from typing import Any
 
 from vrte.basics.errors import SceneError
 from vrte.commands.common import Parser, check_extra, join_progress, say_written, show_progress
+from vrte.render.geometry import SUFFIXES
 from vrte.render.rendering import LARGEST_SIZE, OBJECTS, SMALLEST_SIZE, SPHERE, check_object, read
-from vrte.render.shapes import SUFFIXES
 from vrte.render.sky import FEWEST, MOST
 
 

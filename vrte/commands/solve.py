@@ -1,13 +1,15 @@
-"""`vrte brdf` and `vrte field`: a scene file in, result files out."""
+"""`vrte brdf` and `vrte field`: a scene file in, result files out, and lines on what was computed, of what, and how."""
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from vrte import __version__
+from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Run
 from vrte.calls.brdf import brdf
@@ -15,19 +17,136 @@ from vrte.calls.mitsuba import check_nested, write_table
 from vrte.calls.radiance import radiance
 from vrte.calls.spectrum import prepare_scenes, solve_spectrum, vary_files
 from vrte.commands.common import PICTURES, Parser, label_errors, say_written, show_progress
-from vrte.commands.describe import describe, print_times
 from vrte.formats import measured_polarized as mitsuba
 from vrte.formats import result_file
 from vrte.formats.contents import Result
 from vrte.formats.result_file import write_csv
 from vrte.formats.scene_family import SceneFamily
 from vrte.formats.scene_file import SceneFile, read_content, read_listed_wavelengths, read_scene
-from vrte.request.how import OPTIONS
+from vrte.request.how import EXACT, OPTIONS
 from vrte.request.request import SIDES
-from vrte.results.brdf import Brdf
+from vrte.results.brdf import Brdf, Spectrum, add_scene_text, check_ascending
 from vrte.results.field import Field
 from vrte.results.over_hemisphere import check_directions
-from vrte.results.spectrum import add_scene_text, check_ascending
+
+
+def describe(path: Path, files: Sequence[SceneFile], result: Result) -> None:
+    """Prints what was computed of a scene file."""
+    refracts = any(file.scene.has_interfaces for file in files)
+    what = "field" if isinstance(result, Field) else "BRDF"
+    print(f"vrte {__version__}: {'' if refracts else 'subsurface '}{what} of {path}")
+    if isinstance(result, Spectrum):
+        describe_wavelengths(files, result, refracts)
+    else:
+        describe_scene(files[0], refracts)
+        describe_result(result)
+
+
+def describe_scene(file: SceneFile, refracts: bool) -> None:
+    """Particles, layers, interfaces and base, a line each."""
+    scene = file.scene
+    lines = [f"{name}: {particles.description}" for name, particles in file.particles.items()]
+    for place, (layer, index) in enumerate(zip(scene.layers, scene.indices, strict=True)):
+        lines += [one.in_words for one in scene.interfaces[place : place + 1] if one]
+        matrix, medium = layer.phase_matrix, f", in index {index:g}" if refracts else ""
+        lines.append(
+            f"layer {place + 1}: optical thickness {layer.thickness:g}, single-scattering albedo {layer.albedo:.6g}, "
+            f"asymmetry {matrix.asymmetry:.4f}, {matrix.terms} terms{medium}"
+        )
+    lines += [one.in_words for one in scene.interfaces[-1:] if one]
+    base = "black" if scene.base is None else str(scene.base)
+    lines.append(f"base: {base}{'' if scene.base_is_reached else ', which no light reaches'}")
+    for line in lines:
+        print(f"  {line}")
+
+
+def describe_result(result: Brdf | Field) -> None:
+    """How a result was found, and what is in it, a line each."""
+    made = result.diagnostics
+    where = f"OpenCL device {made['device']}" if "device" in made else f"{made['threads']} threads"
+    orders = f", {made['orders']} Fourier orders" if "orders" in made else ""
+    print(f"  {result!r}\n  {made['method']}, {made['nodes']} nodes{orders}, {where}")
+    describe_derivatives(result, made)
+    lines = [made["method_rule"]] if "method_rule" in made else []
+    if made["method"] == EXACT:
+        lines.append(f"by {made['algorithm']} ({made['algorithm_rule']})")
+        lines.append(f"truncation: {made['truncation']} ({made['truncation_rule']})")
+        if made["orders_repeated"]:
+            lines.append(f"{len(made['orders_repeated']['orders'])} orders repeated by {made['orders_repeated']['by']}")
+    lines += [describe_agreement(made["agreement"])] if "agreement" in made else []
+    if isinstance(result, Brdf):
+        diffuse = "" if result.specular is None else ", diffuse"
+        lines.append(f"directional-hemispherical reflectance{diffuse}: {list_shares(result.reflectance, result.mu_i)}")
+        if result.specular_reflectance is not None:
+            lines.append(f"mirrored as a beam, and not in it: {list_shares(result.specular_reflectance, result.mu_i)}")
+        if result.surface is not None:
+            lines.append("with what rough surfaces send back without any particle, which is in surface as well")
+    elif result.index is not None:
+        lines.append(f"depths in media of index {', '.join(f'{index:g}' for index in np.unique(result.index))}")
+    for line in lines:
+        print(f"  {line}")
+
+
+def describe_wavelengths(files: Sequence[SceneFile], result: Spectrum, refracts: bool) -> None:
+    """Prints reflectance, media and layers of a spectrum, one line for each wavelength."""
+    print(f"  {result!r}")
+    mirrored = result.specular_reflectance
+    columns = f"R at mu_i {result.mu_i[0]:<6g}" + ("" if mirrored is None else "  mirrored        ")
+    media = "media: indices from top to bottom; " if refracts else ""
+    print(f"  {'um':>8}  {columns}  {media}layers: optical thickness, albedo, asymmetry")
+    for place, (wavelength, file, one) in enumerate(zip(result.wavelength_um, files, result, strict=True)):
+        scene = file.scene
+        layers = "; ".join(
+            f"{each.thickness:.5g}, {each.albedo:.6f}, {each.phase_matrix.asymmetry:.4f}" for each in scene.layers
+        )
+        shares = f"{one.reflectance[0]:<16.6f}" + ("" if mirrored is None else f"  {mirrored[place, 0]:<16.6f}")
+        indices = ", ".join(f"{index:.6g}" for index in (scene.index_above, *scene.indices, scene.index_below))
+        print(f"  {wavelength:8.6g}  {shares}  {f'{indices}; ' if refracts else ''}{layers}")
+    describe_derivatives(result, result[0].diagnostics)
+    nodes = sorted({one.diagnostics["nodes"] for one in result})
+    some = " to ".join(map(str, dict.fromkeys((nodes[0], nodes[-1]))))
+    print(f"  {result[0].diagnostics['method']}, {some} nodes")
+
+
+def describe_derivatives(result: Any, made: dict[str, Any]) -> None:
+    """The largest of each derivative of f00 or of I, of which radiance, and how it was found; one line each."""
+    for name, values in (result.jacobian or {}).items():
+        is_field = isinstance(result, Field)
+        of = np.abs(result.stokes if is_field else result.mueller[..., 0])[..., 0].max(initial=0.0)
+        largest = np.abs(values if is_field else values[..., 0])[..., 0].max(initial=0.0)
+        what, unit = ("I", "W/m2/sr") if is_field else ("f00", "1/sr")
+        how = made["derivatives"][name]
+        print(f"  derivative with {name}: {what} by at most {largest:.4g} {unit} a unit, of {of:.4g} ({how})")
+
+
+def list_shares(shares: Array, mu_i: Array) -> str:
+    """The first few fractions of light, and at which cosines they are."""
+    shown = ", ".join(f"{share:.4f} at mu_i {mu:g}" for share, mu in zip(shares[:6], mu_i[:6], strict=True))
+    return f"{shown}{', ...' if mu_i.size > 6 else ''}"
+
+
+def describe_agreement(found: dict[str, Any]) -> str:
+    """What `verify` found, in words."""
+    if not found["orders_compared"]:
+        return f"{found['with']} cannot verify any order: nothing to compare"
+    flux = "" if found["flux"] is None else f", {found['flux']:.1e} in flux"
+    agreed = f"{found['with']} agrees to {found['radiance']:.1e} in radiance{flux}"
+    return f"{agreed} ({found['orders_compared']} orders compared)"
+
+
+def print_times(clock: dict[str, dict[str, float]], result: Result) -> None:
+    """A table of wall seconds by name, and of thread seconds of the solver's stages, all wavelengths added up."""
+    stages = Run(1)
+    for one in result if isinstance(result, Spectrum) else [result]:
+        for stage, took in one.diagnostics["stages"].items():
+            stages.record(stage, took["wall_seconds"], took["thread_seconds"])
+    print(f"\n  {'stage':22}{'wall s':>9}{'thread s':>10}")
+    for name, took in clock.items():
+        print(f"  {name:22}{took['wall_seconds']:9.3f}")
+        for stage, times in stages.stages.items() if name == "solver" else ():
+            print(f"    {stage:20}{times['wall_seconds']:9.3f}{times['thread_seconds']:10.3f}")
+    print(f"  {'total':22}{sum(took['wall_seconds'] for took in clock.values()):9.3f}\n")
+
 
 HOW = tuple(name for name in OPTIONS if name != "settings")  # options that win over the scene file
 

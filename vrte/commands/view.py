@@ -50,7 +50,7 @@ def run(options: argparse.Namespace) -> None:
 
 def make_first_sessions(path: Path | None) -> Any:
     """What a page begins with: the start scene, a scene file or a result. Raises SceneError, OSError."""
-    from vrte.app.form.files import adopt_with_notes
+    from vrte.app.form.checks import adopt_with_notes
     from vrte.app.solving.solve import make_outcome
     from vrte.app.solving.tab_session import TabSessions
     from vrte.formats import load

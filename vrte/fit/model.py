@@ -35,7 +35,7 @@ from vrte.formats.scene_family import SceneFamily
 from vrte.formats.scene_file import OPTION_KEYS, REQUESTS, read_content
 from vrte.methods import choose_method, make_run
 from vrte.request.how import EXACT
-from vrte.results.spectrum import check_ascending
+from vrte.results.brdf import check_ascending
 from vrte.scene.illumination import hemisphere
 from vrte.scene.scene import Scene
 from vrte.scene.vary import Variation

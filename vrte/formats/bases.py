@@ -34,8 +34,7 @@ from vrte.formats.keys import (
 from vrte.formats.measured_polarized import AXES, Axes, directions, evaluate_table, read_tensors
 from vrte.formats.result_file import load
 from vrte.formats.toml_table import Table
-from vrte.results.brdf import Brdf
-from vrte.results.spectrum import Spectrum
+from vrte.results.brdf import Brdf, Spectrum
 from vrte.scene.boundary import Boundary, Lambertian
 from vrte.scene.facets import MEASURED, MOST_WIND, Facets, cox_munk
 from vrte.scene.interface import LEAST_ROUGHNESS, MOST_ROUGHNESS, ROUGHNESS_ALLOWED

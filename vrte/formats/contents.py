@@ -14,10 +14,9 @@ import numpy as np
 
 from vrte.basics.arrays import put_in_one_line
 from vrte.basics.errors import SceneError, import_extra
-from vrte.results.brdf import BRDF_DERIVATIVES, Brdf
+from vrte.results.brdf import BRDF_DERIVATIVES, SCENE, Brdf, Spectrum
 from vrte.results.field import FIELD_DERIVATIVES, Field, Views
 from vrte.results.quantities import MUELLER, STOKES
-from vrte.results.spectrum import SCENE, Spectrum
 
 if TYPE_CHECKING:
     import xarray

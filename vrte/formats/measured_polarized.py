@@ -40,8 +40,7 @@ from vrte.basics.splines import (
 )
 from vrte.formats.atomic import PathName, check_file_name, write_atomically
 from vrte.formats.contents import describe_result
-from vrte.results.brdf import Brdf
-from vrte.results.spectrum import Spectrum
+from vrte.results.brdf import Brdf, Spectrum
 from vrte.scene.illumination import SAME
 
 MAGIC, VERSION = b"tensor_file\0", (1, 0)

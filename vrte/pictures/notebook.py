@@ -16,10 +16,9 @@ from vrte.pictures.figures import draw_picture
 from vrte.pictures.lobes import name_brdf
 from vrte.pictures.page import make_data_address
 from vrte.pictures.results import describe_brdf, describe_field, draw_phase_matrix, draw_plan, draw_spectrum, name_field
-from vrte.results.brdf import Brdf
+from vrte.results.brdf import Brdf, Spectrum
 from vrte.results.field import Field
 from vrte.results.over_hemisphere import check_directions
-from vrte.results.spectrum import Spectrum
 from vrte.scene.layer import Layer
 from vrte.scene.scene import Scene
 

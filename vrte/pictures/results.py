@@ -46,11 +46,10 @@ from vrte.pictures.lobes import (
     make_lobe_colours,
     name_brdf,
 )
-from vrte.results.brdf import Brdf
+from vrte.results.brdf import Brdf, Spectrum
 from vrte.results.field import Field, require_one_beam
 from vrte.results.over_hemisphere import between_angles, check_directions, light_in_plane
 from vrte.results.quantities import ANGLES, FIELD_QUANTITIES, check_name, incident_for, of_light, of_stokes, unit_of
-from vrte.results.spectrum import Spectrum
 
 MOST_LOBES = 4  # beside each other; with more incident directions, these are spread evenly over them
 MOST_DEPTHS, MOST_POLAR_DEPTHS, MOST_AZIMUTHS = 6, 12, 3

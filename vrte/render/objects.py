@@ -19,15 +19,17 @@ from vrte.render import surfaces
 from vrte.render.geometry import (
     EAST,
     NORTH,
+    OFF_SURFACE,
     UP,
+    Body,
     Camera,
     Lens,
+    Rays,
     compute_normals,
     find_turn_from_world,
     normalize,
     turn_stokes,
 )
-from vrte.render.shapes import OFF_SURFACE, Body, Rays
 from vrte.render.sky import Sky, make_horizon_angles
 from vrte.render.surfaces import BLOCK, Points, SceneLight, ShadedGround, split
 from vrte.render.tables import BrdfTable, Lookup, Resolution

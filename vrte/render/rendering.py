@@ -24,9 +24,8 @@ from vrte.formats.scene_file import (
 )
 from vrte.formats.toml_table import Table
 from vrte.optics.facets import RoughSurface
-from vrte.render.geometry import UP, place_camera, place_lens
+from vrte.render.geometry import SHAPES, SUFFIXES, UP, find_shape, place_camera, place_lens
 from vrte.render.objects import CHANNELS, Stage, View, draw_background, draw_object, weigh_channels
-from vrte.render.shapes import SHAPES, SUFFIXES, find_shape
 from vrte.render.sky import (
     FEWEST,
     FROM_UM,
@@ -43,8 +42,7 @@ from vrte.render.sky import (
 )
 from vrte.render.surfaces import SceneLight, compute_irradiance
 from vrte.render.tables import BrdfTable, Resolution, leave_out_facets, tabulate_brdf
-from vrte.results.brdf import Brdf
-from vrte.results.spectrum import check_ascending
+from vrte.results.brdf import Brdf, check_ascending
 
 ACCURACY = 1e-4  # of a BRDF, where the file asks for none
 SMALLEST_SIZE, LARGEST_SIZE = 16, 1024

@@ -29,16 +29,18 @@ from vrte.basics.splines import make_spline_matrix
 from vrte.optics.facets import RoughSurface
 from vrte.render.geometry import (
     NORTH,
+    OFF_SURFACE,
     UP,
+    Body,
     Camera,
     Lens,
+    Rays,
     convert_to_polar,
     find_turn,
     find_turn_from_world,
     normalize,
     turn_stokes,
 )
-from vrte.render.shapes import OFF_SURFACE, Body, Rays
 from vrte.render.sky import Sky
 from vrte.render.tables import STEEPEST, Lookup, Resolution
 

@@ -13,7 +13,7 @@ import numpy as np
 from vrte.appearance.colours import convert_to_hex, import_colour_science
 from vrte.basics.arrays import Array
 from vrte.calls.brdf import brdf
-from vrte.calls.material import material
+from vrte.calls.spectrum import material
 from vrte.formats.materials import list_materials
 from vrte.formats.scene_file import find_known_wavelengths
 from vrte.pictures.describe import INK, Axis, Curve, Picture, PlotPanel, Swatch, Words

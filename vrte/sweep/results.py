@@ -27,10 +27,9 @@ from vrte.formats.scene_file import SceneFile
 from vrte.formats.toml_table import Table, locate_errors, show_toml, suggest_nearest
 from vrte.request.how import EXACT
 from vrte.request.request import Request, make_brdf_request, make_radiance_request
-from vrte.results.brdf import Brdf
+from vrte.results.brdf import Brdf, check_ascending
 from vrte.results.field import Field
 from vrte.results.result import Solution
-from vrte.results.spectrum import check_ascending
 from vrte.scene.scene import MOST_LAYERS
 
 TABLE = "appearance"

@@ -18,7 +18,7 @@ from vrte.formats.scene_file import ANGLES, REQUEST_KEYS, SceneFile, read_listed
 from vrte.formats.toml_table import is_number, show_key, write_toml
 from vrte.optics.crowding import INDEPENDENT
 from vrte.optics.refractive_index import MATERIALS
-from vrte.results.spectrum import check_ascending
+from vrte.results.brdf import check_ascending
 
 Content = dict[str, Any]
 

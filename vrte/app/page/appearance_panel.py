@@ -6,8 +6,8 @@ from typing import Any
 
 from nicegui import ui
 
+from vrte.app.form.checks import begin_with_material, list_films
 from vrte.app.form.fields import get_value, translate_message
-from vrte.app.form.files import begin_with_material, list_films
 from vrte.app.form.numbers import STEPS, FormNumber, explain_missing, list_sliders
 from vrte.app.page import controls
 from vrte.app.page.controls import add_message, add_note, add_slider, show

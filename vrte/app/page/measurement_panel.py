@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from nicegui import ui
 
+from vrte.app.form.checks import write_content
 from vrte.app.form.fields import parse_field_text, write_field_text
-from vrte.app.form.files import write_content
 from vrte.app.form.numbers import FormNumber, list_free_numbers, put_values, write_fractions
 from vrte.app.page import controls
 from vrte.app.page.controls import add_bullets, add_button, add_heading, add_message, add_note, add_table, show

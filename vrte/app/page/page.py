@@ -12,7 +12,7 @@ from typing import Any
 from nicegui import ui
 
 from vrte import __version__
-from vrte.app.form import files
+from vrte.app.form.checks import LARGEST_SCENE, adopt_with_notes, begin_with_material, parse_content, write_link
 from vrte.app.form.content import START, Content
 from vrte.app.form.fields import translate_message, write_field_text
 from vrte.app.page import controls
@@ -35,7 +35,7 @@ STYLE, SCRIPT = (Path(__file__).with_name(name) for name in ("page.css", "page.j
 SUFFIXES = (".toml", ".nc", ".csv")
 LONG_ENOUGH = 10_000  # milliseconds to read what is notified
 TOO_LARGE = (
-    f"a file must end in {', '.join(SUFFIXES)}; a scene must be at most {files.LARGEST_SCENE / 1e6:g} MB, "
+    f"a file must end in {', '.join(SUFFIXES)}; a scene must be at most {LARGEST_SCENE / 1e6:g} MB, "
     f"a result {LARGEST_UPLOAD / 1e6:g} MB"
 )
 
@@ -210,7 +210,7 @@ class Page:
         suffix = Path(name).suffix.lower()
         self.upload.reset()
         with report_errors(self.complain):
-            if size > (files.LARGEST_SCENE if suffix == ".toml" else LARGEST_UPLOAD):
+            if size > (LARGEST_SCENE if suffix == ".toml" else LARGEST_UPLOAD):
                 raise SceneError(TOO_LARGE)
             data = await event.file.read()
             if suffix == ".toml":
@@ -271,7 +271,7 @@ class Page:
     def make_link(self) -> None:
         """The address with the scene in it, into the browser's address line and its clipboard."""
         with report_errors(self.complain):
-            self.session.view["link"] = text = files.write_link(self.session.content)
+            self.session.view["link"] = text = write_link(self.session.content)
             ui.run_javascript(f"vrte.carry({json.dumps(text)})")
 
     def carried(self, event: Any) -> None:
@@ -312,13 +312,13 @@ def show_gallery(solve: Callable[[Content], Any], fill: Callable[[Content, tuple
 
     def solve_scene(path: Path) -> None:
         dialog.close()
-        solve(files.adopt_with_notes(files.parse_content(path.read_bytes()))[0])
+        solve(adopt_with_notes(parse_content(path.read_bytes()))[0])
 
     with ui.dialog().props('aria-label="gallery"') as dialog, ui.card().classes("items-center vrte-gallery"):
         controls.add_heading("Scenes to begin with", 2)
         with ui.row().classes("justify-center gap-1"):
             for path in sorted(GALLERY.glob("*.toml")):
-                title = files.parse_content(path.read_bytes())["render"]["title"]
+                title = parse_content(path.read_bytes())["render"]["title"]
                 with ui.button(on_click=partial(solve_scene, path)) as button:
                     button.props(f'flat no-caps aria-label="{title}"').classes("vrte-start")
                     picture = ui.element("img").props('alt="" width=84 height=84')
@@ -329,7 +329,7 @@ def show_gallery(solve: Callable[[Content], Any], fill: Callable[[Content, tuple
             controls.add_heading(f"{title} to begin with", 2)
             with ui.row().classes("justify-center gap-1"):
                 for one in known.values():
-                    button = ui.button(one.title, on_click=lambda one=one: fill(*files.begin_with_material(one)))
+                    button = ui.button(one.title, on_click=lambda one=one: fill(*begin_with_material(one)))
                     button.on_click(dialog.close).props("flat no-caps dense").classes("px-2").tooltip(one.description)
     dialog.on("hide", dialog.delete)
     dialog.open()

@@ -20,8 +20,8 @@ from vrte.pictures import interactive
 from vrte.pictures import results as figures
 from vrte.pictures.lobes import describe_mirrored_beam, lobe
 from vrte.results import quantities
+from vrte.results.brdf import SCENE
 from vrte.results.quantities import FIELD_QUANTITIES, QUANTITIES
-from vrte.results.spectrum import SCENE
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from vrte.app.form import content as form
-from vrte.app.form.checks import PartRead, select_part
+from vrte.app.form.checks import PartRead, adopt_with_notes, parse_content, read_link, select_part
 from vrte.app.form.content import Content
-from vrte.app.form.files import adopt_with_notes, parse_content, read_link
 from vrte.app.solving.tab_session import collect_bytes, read_bytes
 from vrte.app.solving.worker import Adopted, Exchange, Outcome, Planned, Progress, Reflectances, Written
 from vrte.appearance.colours import convert_to_hex
@@ -29,9 +28,8 @@ from vrte.formats.toml_table import parse_toml, write_toml
 from vrte.optics.angle_tables import describe_expansion
 from vrte.optics.phase_matrix import PhaseMatrix
 from vrte.request.how import AUTO, EXACT
-from vrte.results.brdf import Brdf
+from vrte.results.brdf import SCENE, Brdf, Spectrum, add_scene_text
 from vrte.results.field import Field, require_one_beam
-from vrte.results.spectrum import SCENE, Spectrum, add_scene_text
 from vrte.scene.boundary import Lambertian
 from vrte.scene.scene import Scene
 

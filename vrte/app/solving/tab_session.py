@@ -20,17 +20,16 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from vrte.app.form.checks import PartRead, find_problems, list_parts, name_part
+from vrte.app.form.checks import PartRead, find_problems, list_parts, name_part, write_content
 from vrte.app.form.content import START, Content, list_page_wavelengths
 from vrte.app.form.fields import translate_message
-from vrte.app.form.files import write_content
 from vrte.app.solving.worker import EMPTY, Fitted, Outcome, Query, Refused, Task
 from vrte.basics.errors import Place, SceneError
 from vrte.formats import save
 from vrte.formats.measured_polarized import check_wavelengths
 from vrte.formats.scene_file import find_named_tables
 from vrte.formats.toml_table import show_toml
-from vrte.results.spectrum import Spectrum
+from vrte.results.brdf import Spectrum
 
 Found = TypeVar("Found")
 LARGEST_TABLE = 60_000_000  # bytes of a file from which a phase matrix or a base is made, in a process of its own
