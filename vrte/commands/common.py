@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from vrte.basics.errors import AccuracyError, DeviceError, MissingExtraError, SceneError, SweepError
-from vrte.formats.atomic import write_atomically
 
 _TABLES = tomllib.loads(Path(__file__).with_name("commands.toml").read_text("utf-8"))
 COMMANDS: dict[str, dict[str, Any]] = _TABLES["commands"]
@@ -241,12 +240,6 @@ def write(path: Path | None, writer: Callable[[Path], object]) -> None:
     if path is not None:
         writer(path)
         say_written(path)
-
-
-def write_text(text: str, path: Path) -> None:
-    """Writes a text file, all of it or nothing."""
-    with write_atomically(path) as part:
-        part.write_text(text, encoding="utf-8")
 
 
 def say_written(path: Path) -> None:

@@ -6,7 +6,8 @@ import shlex
 from pathlib import Path
 
 from vrte.basics.errors import SceneError
-from vrte.commands.common import STARTERS, Parser, write, write_text
+from vrte.commands.common import STARTERS, Parser, write
+from vrte.formats.atomic import write_text
 
 FOLDER = Path(__file__).parents[1] / "starters"
 

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.errors import SceneError
-from vrte.commands.common import PICTURES, Parser, show_progress, write, write_text
-from vrte.formats.atomic import write_sealed_text
-from vrte.formats.columns import read_index
+from vrte.commands.common import PICTURES, Parser, show_progress, write
+from vrte.formats.atomic import write_text
+from vrte.formats.columns import read_index, write_table
 from vrte.formats.materials import SUFFIX, ReadyMaterial, choose_material, expand_materials, find_material
 from vrte.formats.scene_file import find_known_wavelengths, make_scene_file
 from vrte.formats.toml_table import Table, write_toml
@@ -209,13 +209,6 @@ def write_columns(columns: Columns, options: argparse.Namespace, groups: Groups)
     """The table and the picture that are asked for."""
     write(options.output, lambda path: write_table(columns, path))
     write(options.plot, lambda path: save_figure(draw_columns(columns, options.name, groups), path))
-
-
-def write_table(columns: Columns, path: Path) -> None:
-    """CSV, every digit, all of it or nothing."""
-    with write_sealed_text(path) as file:
-        file.write(",".join(columns) + "\n")
-        file.writelines(",".join(map(repr, row)) + "\n" for row in zip(*columns.values(), strict=True))
 
 
 def draw_columns(columns: Columns, name: str, groups: Groups) -> Any:

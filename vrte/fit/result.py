@@ -13,7 +13,7 @@ from vrte.basics.views import Figure, view
 from vrte.fit.measurement import Measurement
 from vrte.fit.problem import FitProblem
 from vrte.fit.verdict import Profile, find_correlations, find_profile
-from vrte.formats.atomic import write_atomically
+from vrte.formats.atomic import write_text
 from vrte.formats.toml_table import write_toml
 from vrte.scene.scene import Scene
 
@@ -191,8 +191,7 @@ class Fit:
         if not os.fspath(path).lower().endswith(".toml"):
             raise SceneError(f"the scene file {os.fspath(path)} must end in .toml")
         text = write_toml(self.content())
-        with write_atomically(path) as part:
-            part.write_text(text, encoding="utf-8", newline="")
+        write_text(text, path)
 
     def content(self) -> dict[str, Any]:
         """The content of the scene file with ``values`` in it, as TOML has it."""

@@ -137,6 +137,12 @@ def write_atomically(path: PathName, mark: str = "") -> Iterator[Path]:
                 left.unlink(missing_ok=True)
 
 
+def write_text(text: str, path: PathName) -> None:
+    """Writes a text file in UTF-8, all of it or nothing. Raises as `write_atomically`."""
+    with write_atomically(path) as part:
+        part.write_text(text, encoding="utf-8", newline="")
+
+
 @contextmanager
 def write_sealed_text(path: PathName) -> Iterator[TextIO]:
     """A text file in UTF-8 to write to, whose first line becomes a comment with the checksum of all other lines; raises

@@ -38,7 +38,7 @@ from vrte.basics.splines import (
     make_spline_matrix,
     stretch_cosines,
 )
-from vrte.formats.atomic import PathName, check_file_name, write_atomically
+from vrte.formats.atomic import PathName, check_file_name, write_atomically, write_text
 from vrte.formats.contents import describe_result
 from vrte.results.brdf import Brdf, Spectrum
 from vrte.scene.illumination import SAME
@@ -116,8 +116,7 @@ def write_nested_scene(path: PathName, table: PathName, index_above: float, inde
     name = f'"{escape(Path(table).name)}"'
     template = Path(__file__).with_name("nested_dielectric.xml").read_text("utf-8")
     text = template.format(above=index_above, below=index_below, table=name, inside=1.0 - GAP)
-    with write_atomically(path) as part:
-        Path(part).write_text(text, encoding="utf-8")
+    write_text(text, path)
 
 
 AXES = ("phi_d", "theta_d", "theta_h")  # [rad]: from -pi to pi, from 0 to pi/2 twice, all with both ends

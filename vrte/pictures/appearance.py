@@ -92,11 +92,10 @@ def describe_coefficients(found: KubelkaMunk, with_diffusion: bool = False) -> P
         if with_diffusion:
             positive = np.where(diffuse > 0.0, diffuse, np.nan)
             parts.append(Curve(found.wavelength_um, positive, f"{name} of diffusion", colour, ":"))
-    along = Axis("wavelength [µm]")
     unit = f"Kubelka-Munk's K, S [{found.unit.replace('um', 'µm')}]"
     if with_diffusion:
-        return PlotPanel(parts, along, Axis(unit, 1e-6 * most, 3.0 * max(most, float(found.K.max())), log=10.0))
-    return PlotPanel(parts, along, Axis(unit, log=10.0) if absorbs else Axis(unit, low=0.0))
+        return PlotPanel(parts, WAVELENGTH, Axis(unit, 1e-6 * most, 3.0 * max(most, float(found.K.max())), log=10.0))
+    return PlotPanel(parts, WAVELENGTH, Axis(unit, log=10.0) if absorbs else Axis(unit, low=0.0))
 
 
 def draw_two_fluxes(found: KubelkaMunk, lengths: Any = None, progress: Progress | None = None) -> Figure:

@@ -8,7 +8,7 @@ from importlib.resources import files
 
 from vrte.basics.errors import SceneError
 from vrte.basics.views import Figure
-from vrte.formats.atomic import write_atomically
+from vrte.formats.atomic import write_text
 from vrte.pictures.figures import make_bytes
 
 LONG = 30  # characters of a table's cell; a longer text may be broken into lines
@@ -68,5 +68,4 @@ def save_page(text: str, path: str | os.PathLike[str], suffix: str = ".html") ->
     """Writes a page, or another text, all of it or nothing. Raises SceneError for another suffix, OSError."""
     if not os.fspath(path).lower().endswith(suffix):
         raise SceneError(f"the page {os.fspath(path)} must end in {suffix}")
-    with write_atomically(path) as part:
-        part.write_text(text, encoding="utf-8", newline="")
+    write_text(text, path)
