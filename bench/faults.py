@@ -53,7 +53,7 @@ CORE = list_faults(
      "sign of U from V on facets of a metal", "facets rough"),
     ("doubling-end", "core/doubling.pxi", "if gap < 1e-9 and", "if gap < 1e-2 and",
      "doublings of a semi-infinite layer end too early", "every_way"),
-    ("invariance-end", "core/invariance.pxi", "gap * rate / (1.0 - rate) / largest", "gap * rate / largest",
+    ("invariance-end", "core/kernels/steps.h", "gap * rate / (1.0 - rate) / largest", "gap * rate / largest",
      "the last step is taken for what all further steps change", "iterations"),
     ("mirrored", "core/single_scattering.pxi", "(k % 4 >= 2) == (s.kind", "(k % 4 >= 2) != (s.kind",
      "sign of U and V of light scattered once at azimuths beyond 180 degrees", "discrete_ordinates sums"),

@@ -7,8 +7,7 @@ import re
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -55,22 +54,13 @@ def put_down_launches() -> None:
 
 
 class Bare(Session):
-    """A session without what oclgrind does not follow: fills and the host's own memory are copies."""
+    """A session without what oclgrind does not follow: fills are copies."""
 
     def zeros(self, shape: tuple[int, ...], dtype: Any = None) -> Any:
         made = self.empty(shape, dtype)
         if made.nbytes:
             pyopencl.enqueue_copy(self.queue, made.data, np.zeros(made.shape, made.dtype))
         return made
-
-    @contextmanager
-    def lent(self, values: Any, written: bool = True) -> Iterator[Any]:
-        flags = pyopencl.mem_flags
-        kept.append(pyopencl.Buffer(self.context, flags.READ_WRITE | flags.COPY_HOST_PTR, hostbuf=values))
-        buffer = kept[-1]
-        yield buffer
-        if written:
-            pyopencl.enqueue_copy(self.queue, values, buffer)
 
 
 def open_bare_session(lanes: int) -> Bare:

@@ -69,16 +69,21 @@ def test_rooms_keep_their_budgets(room: str, budget: str) -> None:
 
 
 def test_the_core_has_a_file_a_stage() -> None:
-    """_core.pyx is the table of contents: every file of core/ is included once, and none has a long line."""
+    """_core.pyx is the table of contents: every file of core/ is included once, and none has a long line; so are the headers
+    of core/kernels/, which OpenCL kernels share."""
     contents = (PACKAGE / "_core.pyx").read_text()
     assert len(contents.splitlines()) <= 80
     files = sorted((PACKAGE / "core").iterdir())
     included = re.findall(r'^include "core/(\w+\.pxi)"$', contents, re.MULTILINE)
     assert sorted(included) == [path.name for path in files if path.suffix == ".pxi"]
     others = {path.name for path in files if path.suffix not in (".pxi", ".h")}
-    assert others - {"__pycache__"} == {"declare.py", "stages.toml"}
+    assert others - {"__pycache__"} == {"declare.py", "stages.toml", "kernels"}
+    shared = sorted((PACKAGE / "core" / "kernels").iterdir())
+    listed = re.findall(r'^#include "(\w+)\.h"$', (shared[0].parent / "in_c.h").read_text(), re.MULTILINE)
+    assert tuple(listed) == SHARED
+    assert sorted(f"{name}.h" for name in (*listed, "in_c")) == [path.name for path in shared]
     assert not [
-        path.name for path in files if path.is_file() and any(len(line) > 120 for line in path.read_text().splitlines())
+        path.name for path in [*files, *shared] if path.is_file() and any(len(line) > 120 for line in path.read_text().splitlines())
     ]
 
 

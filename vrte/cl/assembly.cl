@@ -36,6 +36,21 @@ void put_members(__global real* to, int members, real4 value)
 // terms and albedo (material,).
 #define SCATTERING int n_term, int members, IN coefficients, INTS order, INTS material, INTS terms, IN albedo
 
+// What all directions of an item share: factors (item, n_term + 1, 4) of each step of Wigner's functions, lower and upper one
+// for k = 0, then for k = +-2; the starts' factors last. Pieces: items.
+SHARED
+__kernel void wigner_factors(int n_term, INTS order, OUT factors, INTS items)
+{
+    const long item = items[get_group_id(0)];
+    const int m = order[item];
+    factors += item * 4 * (n_term + 1);
+    SPREAD(l, m, n_term)
+        PUT(factors, l) = (real4)(vrte_wigner_lower(m, 0, l), vrte_wigner_upper(m, 0, l),
+                                  l >= 2 ? vrte_wigner_lower(m, 2, l) : 0.0, l >= 2 ? vrte_wigner_upper(m, 2, l) : 1.0);
+    if (LANE == 0)
+        PUT(factors, n_term) = (real4)(vrte_start_factor(m), vrte_polar_factor(m), 0.0, 0.0);
+}
+
 // phi: the columns of all degrees, E's and behind them F's; rows: the nodes' times sqrt(weight / mu), then the next ones,
 // then the last, each from a multiple of 8 on with zeros up to it; counts (item, 2): how many columns E and F have, none
 // where nothing is scattered. Pieces: `each` directions, items.
@@ -65,13 +80,14 @@ __kernel void parity_columns(SCATTERING, int n_all, int n_node, int n_out, int e
         const int blank = i == last - 1 ? next_strip(filled) : filled;
         const real scale = i < n_node ? sqrt(weights[i] / mu[i]) : 1.0;
         const real4 starts = AT(factors, n_term);
-        Wigner w = wigner_start(m, mu[i], starts.x);
+        real zero = vrte_wigner_start(m, mu[i], starts.x), zero_before = 0.0;       // d^l_{m,0} at l and at l - 1
+        real plus = 0.0, plus_before = 0.0, minus = 0.0, minus_before = 0.0;        // d^l_{m,2} and d^l_{m,-2}
         __global real* even = phi;
         __global real* odd = phi + columns_E * (long)ld;
         for (int l = m; l < m + n_degree; l++) {
             if (l == max(m, 2))
-                polar_start(m, mu[i], starts.y, &w);
-            const real p = scale * w.zero, r = scale * 0.5 * (w.plus + w.minus), t = scale * 0.5 * (w.plus - w.minus);
+                vrte_polar_start(m, mu[i], starts.y, &plus, &minus);
+            const real p = scale * zero, r = scale * 0.5 * (plus + minus), t = scale * 0.5 * (plus - minus);
             for (int kind = 0; kind < 2; kind++) {
                 const bool is_even = kind == ((l - m) & 1), left = has_first(m, members, kind);
                 __global real* to = is_even ? even : odd;
@@ -86,7 +102,16 @@ __kernel void parity_columns(SCATTERING, int n_all, int n_node, int n_out, int e
                 even += is_even ? few[kind] * (long)ld : 0;
                 odd += is_even ? 0 : few[kind] * (long)ld;
             }
-            wigner_step(m, l, polar, mu[i], AT(factors, l), &w);
+            const real4 f = AT(factors, l);
+            const real zero_now = zero, plus_now = plus, minus_now = minus;
+            zero = l == 0 ? mu[i] : vrte_wigner_next(m, 0, l, mu[i], f.x, f.y, zero, zero_before);
+            zero_before = zero_now;
+            if (polar && l >= 2) {
+                plus = vrte_wigner_next(m, 2, l, mu[i], f.z, f.w, plus, plus_before);
+                minus = vrte_wigner_next(m, -2, l, mu[i], f.z, f.w, minus, minus_before);
+                plus_before = plus_now;
+                minus_before = minus_now;
+            }
         }
     }
 }

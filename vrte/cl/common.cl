@@ -4,7 +4,6 @@
 // from 1 before the last doubling, which squares that.
 #ifdef SINGLE
 #define real float
-#define real2 float2
 #define real4 float4
 #define REAL_BYTES 4
 #define STALLED 4e-7
@@ -14,16 +13,22 @@
 #undef NO_LIGHT
 #define NO_LIGHT 1e-30
 #define DOUBLED 1e-4
+#define mask int4
 #else
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
 #define real double
-#define real2 double2
 #define real4 double4
 #define REAL_BYTES 8
 #define STALLED 4e-16
 #define INDEPENDENT 1e-10
 #define DOUBLED 1e-9
+#define mask long4
 #endif
+
+// Names of core/kernels/*.h, which come behind this file: four numbers at once; memory that tables lie in.
+#define lanes real4
+#define STORED __global const
+#define VRTE_SHARED
 
 // Matrices are stored column by column; "ld" is the distance of two columns, a multiple of 8 doubles, so that a column
 // starts where eight doubles may be loaded at once. A stack holds one matrix an item, `stride` doubles apart; `items`

@@ -174,13 +174,6 @@ real factor_of(Slab slab, int times)
         : times == OVER_RATIO ? 1.0 / sqrt(fmax(slab.ratio, (real)STEEPEST_RATIO)) : 1.0;
 }
 
-// Light that is not scattered, over h/mu = x; 1 - tanh^2 = 1/cosh^2 without a difference.
-real straight_light(int kind, real x)
-{
-    const real decaying = exp(-2.0 * x);
-    return kind == TANH ? tanh(x) : kind == COMPLEMENT ? 4.0 * decaying / ((1.0 + decaying) * (1.0 + decaying)) : 0.0;
-}
-
 // How many doublings there are, and the thickness of the first.
 void begin(Slab* slab, real norm)
 {
@@ -203,7 +196,7 @@ void next(Slab* slab, real difference)
         return;
     if (difference < DOUBLED && ratio > 0.999)
         slab->left = 0;
-    slab->ratio = fmin(2.0 * ratio * sqrt(used) / (used + ratio * ratio), 2.0 * sqrt(used) / (1.0 + used));
+    slab->ratio = vrte_doubled_ratio(ratio, used);
 }
 
 // How far a is from 1 on the diagonal; where the flux is conserved Ze's is 0 on its axis for ever.
@@ -249,7 +242,8 @@ void perform(Work* w, Operation now, __global real* lost)
         w->slab.carried = 1;
     else if (now.kind == STRAIGHT)
         SPREAD(i, 0, s.o + s.r)
-            c.OO[i] = straight_light(now.b, now.b == NOTHING ? (real)0.0 : w->slab.h * w->rates[i]);
+            c.OO[i] = now.b == NOTHING ? 0.0 : now.b == TANH ? tanh(w->slab.h * w->rates[i])
+                : vrte_over_cosh_squared(w->slab.h * w->rates[i]);
     else if (now.kind == MIRROR) {     // reciprocity: rounding in the flux's row would double at each step
         __global real* Zo = matrix_of(w, Zo_).M;
         SPREAD(i, 0, n) {

@@ -25,17 +25,14 @@ __kernel void cosines_of_rows(int n_mu, int stokes, int v_place, IN mu, int firs
 }
 
 // What a step gains at least, the largest albedo |B_l| / (2 l + 1) of the degrees m .. terms - 1.
-real rate_of_item(int m, int terms, real albedo, __global const real* coefficients)
+real rate_of_item(int m, int terms, real albedo, __global const real* c)
 {
     real largest = 0.0;
     for (int l = m; l < terms; l++) {
-        __global const real* c = coefficients + 6 * l;
-        const real half_gap = 0.5 * (c[0] - c[1]);
-        const real first = 0.5 * fabs(c[0] + c[1]) + sqrt(half_gap * half_gap + c[4] * c[4]);
-        const real norm = fmax(first, fmax(fabs(c[2]), fabs(c[3])) + fabs(c[5]));
-        largest = fmax(largest, albedo * norm / (2.0 * l + 1.0));
+        __global const real* b = c + 6 * l;
+        largest = fmax(largest, albedo * vrte_norm_of_degree(b[0], b[1], b[2], b[3], b[4], b[5]) / (2.0 * l + 1.0));
     }
-    return fmin(largest, 0.999);
+    return fmin(largest, (real)0.999);
 }
 
 // rate (item,). Global size: items.
@@ -105,29 +102,11 @@ void step_of_strip(int strip, bool symmetric, int n, int inner, __global const r
 Convergence judged(int step, const real* found, real rate, real tolerance, Convergence before, bool* done)
 {
     const real largest = found[4], gap = found[0] < INFINITY ? found[3] : found[0];   // comparisons have not seen a NaN
-    const real missing = largest > 0.0 ? gap * rate / (1.0 - rate) / largest : 1.0;
+    const real missing = vrte_missing(gap, rate, largest);
     Convergence now = {found[0], found[1], before.product_00, {1.0, 0.0, 0.0}, largest > 0.0 ? missing : 0.0};
     *done = largest == 0.0 || missing <= tolerance || gap <= STALLED * largest;
-    if (*done || step == 0)
-        return now;
-    const real a11 = found[0] - 2.0 * found[1] + before.product_00, b1 = found[0] - found[1];
-    real g1 = 0.0, g2 = 0.0;
-    if (step > 1) {
-        const real a12 = found[1] - found[2] - before.product_00 + before.product_01;
-        const real a22 = before.product_00 - 2.0 * before.product_01 + before.product_11, b2 = found[1] - found[2];
-        const real det = a11 * a22 - a12 * a12;
-        if (det > INDEPENDENT * a11 * a22) {
-            g1 = (b1 * a22 - b2 * a12) / det;
-            g2 = (b2 * a11 - b1 * a12) / det;
-        }
-    }
-    if (g2 == 0.0 && a11 > 0.0)
-        g1 = b1 / a11;
-    if (g1 != 0.0) {
-        now.share[0] = 1.0 - g1;
-        now.share[1] = g1 - g2;
-        now.share[2] = g2;
-    }
+    if (!*done)
+        vrte_accelerate(step, found[0], found[1], found[2], before.product_00, before.product_01, before.product_11, now.share);
     return now;
 }
 

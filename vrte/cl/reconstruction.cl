@@ -29,37 +29,6 @@ void put_stokes(int stokes, __global real* p, real4 value)
         p[3] = value.w;
 }
 
-// lit (kind, item, n, ld) = G X: how modes light the outgoing directions, kind 0 for G_E X and 1 for G_F Y; G (item, n,
-// rows), X (item, n, n). Where a strip is longer than what is left of its column it reads into the next ones, but not
-// behind the last. Global size: strips of 8 rows, items, 2.
-__attribute__((reqd_work_group_size(1, 1, 1)))
-__kernel void light_of_modes(COUNTS, int rows, int ld, IN G_E, IN G_F, IN X, IN Y, OUT lit)
-{
-    const long item = get_global_id(1), first = 8 * get_global_id(0);
-    const int columns = n, c_ld = ld, b_column = n, b_row = 1, left = rows - (int)first;
-    const int inside = n + 1 - ((int)first + 8 + rows - 1) / rows;     // columns behind which eight more doubles lie
-    __global const real* A = (get_global_id(2) ? G_F : G_E) + item * n * rows + first;
-    __global const real* B = (get_global_id(2) ? Y : X) + item * n * n;
-    __global real* C = lit + (get_global_id(2) * get_global_size(1) + item) * n * ld + first;
-    for (int j = 0; j < columns; j += TILE_COLUMNS) {
-        __global const real* a = A;
-        EACH_COLUMN(COLUMN_OF_B)
-        EACH_COLUMN(NO_SUMS)
-        int k = 0;
-        for (; k < inside; k++) {
-            const real4 a_top = *(__global const loose4*)a, a_low = *(__global const loose4*)(a + 4);
-            EACH_COLUMN(ADD_TERM)
-            a += rows;
-        }
-        for (; k < n; k++) {
-            const real4 a_top = stokes_at(min(4, left), a), a_low = stokes_at(min(4, left - 4), a + 4);
-            EACH_COLUMN(ADD_TERM)
-            a += rows;
-        }
-        EACH_COLUMN(STORE_SUMS)
-    }
-}
-
 // fed (order, stop, n_rhs, n) = c D(depth of the stop), nothing where that is 0 or infinite.
 // Global size: stops, n_in, orders.
 __attribute__((reqd_work_group_size(1, 1, 1)))
@@ -76,7 +45,8 @@ __kernel void feed_modes(COUNTS, IN lam_re, IN lam_im, IN c, PLACES, OUT fed)
     c += (item * n_rhs + beam * per_beam) * n;
     fed += ((get_global_id(2) * (n_level + n_layer) + stop) * n_rhs + beam * per_beam) * n;
     for (int j = 0; j < n; j++) {
-        const real2 response = beam_response(c_sqrt((real2)(lam_re[j], lam_im[j])), 1.0 / mu0[beam], depth);
+        const vrte_complex k = vrte_sqrt(vrte_pair(lam_re[j], lam_im[j]));
+        const vrte_complex response = vrte_beam_response(k, 1.0 / mu0[beam], depth);
         const int pair = lam_im[j] != 0.0;
         for (int r = 0; r < per_beam; r++) {
             __global const real* y = c + (long)r * n + j;
@@ -88,106 +58,22 @@ __kernel void feed_modes(COUNTS, IN lam_re, IN lam_im, IN c, PLACES, OUT fed)
     }
 }
 
-// int e^(-k x) and int e^(-k (thickness - x)) times e^(-(x - depth)/mu) dx/mu over x from depth to the bottom.
-void decaying_integrals(real2 k, real mu, real thickness, real depth, real2* from_top, real2* from_bottom)
-{
-    const real left = thickness - depth;
-    const real2 rate = (real2)(1.0 + mu * k.x, mu * k.y);
-    *from_bottom = (real2)(0.0);
-    if (thickness > SEMI_INFINITE) {
-        *from_top = over(c_exp(-depth * k), rate);
-        return;
-    }
-    *from_top = over(times(c_exp(-depth * k), -c_expm1(-left * (real2)(k.x + 1.0 / mu, k.y))), rate);
-    *from_bottom = (left / mu) * exp_difference(-left * k, (real2)(-left / mu, 0.0));
-}
-
-// int cosh(k t)/cosh(k h) and int sinh(k t)/(k cosh(k h)) times e^(-(x - depth)/mu) dx/mu over x from depth to the
-// slab's bottom, t = x - h.
-void hyperbolic_integrals(real2 k, real mu, real thickness, real depth, real2* cosine, real2* sine)
-{
-    const real left = thickness - depth, h = 0.5 * thickness;
-    const real2 zero = (real2)(0.0), one = (real2)(1.0, 0.0);
-    real2 from_top, from_bottom;
-    decaying_integrals(k, mu, thickness, depth, &from_top, &from_bottom);
-    const real2 whole = one + c_exp(-thickness * k);
-    *cosine = over(from_top + from_bottom, whole);
-    if (size_of(k) * thickness > 1.0) {
-        *sine = over(from_bottom - from_top, times(k, whole));
-        return;
-    }
-    // near k = 0: e^(k(depth - h)) times int e^(k(x - depth)) ..., differenced between k and -k
-    const real2 plus = left * k - (left / mu) * one, minus = -left * k - (left / mu) * one;
-    const real2 u = (2.0 * (depth - h)) * exp_difference((depth - h) * k, (h - depth) * k);
-    const real2 v = (left / mu) * exp_difference(zero, plus);
-    const real2 w = (2.0 * left * left / mu) * exp_difference_2(zero, plus, minus);
-    *sine = over(0.5 * times(u, v) + 0.5 * times(c_exp((h - depth) * k), w), 0.5 * (c_exp(h * k) + c_exp(-h * k)));
-}
-
-// The same for a real mode, exponentials of its own and of the direction taken once: mode_decayed, e^(-left k), decayed,
-// e^(-left/mu), at_far, e^(-far k).
-void real_decaying_integrals(real k, real mu, real left, real mode_decayed, real decayed, real at_far,
-                           real* from_top, real* from_bottom)
-{
-    if (left > SEMI_INFINITE) {
-        *from_top = at_far / (1.0 + mu * k);
-        *from_bottom = 0.0;
-        return;
-    }
-    const real sum = left * (k + 1.0 / mu), gap = left / mu - left * k;
-    *from_top = at_far * (sum > 1.0 ? 1.0 - mode_decayed * decayed : -expm1(-sum)) / (1.0 + mu * k);
-    if (fabs(gap) > 1.0)
-        *from_bottom = (left / mu) * ((mode_decayed - decayed) / gap);
-    else if (gap == 0.0)
-        *from_bottom = (left / mu) * mode_decayed;
-    else
-        *from_bottom = (left / mu) * (max(mode_decayed, decayed) * (-expm1(-fabs(gap)) / fabs(gap)));
-}
-
-// Light on its way along mu through a part of a layer to a depth below its top. left: the path times mu; far: depth of
-// its end below the face that e^(-k x) decays from; decayed: e^(-left/mu); above: optical depth of the layer's top.
+// Light on its way along mu through a part of a layer to a depth below its top: see core/kernels/paths.h; above: optical
+// depth of the layer's top.
 typedef struct {
     int upward, decaying;
-    real mu, thickness, above, depth, left, far, decayed;
+    real mu, thickness, above, depth, left, far;
 } Way;
 
-// What even and odd modes become on the way; where they decay, those from the near and from the far face.
-typedef struct {
-    real2 even, odd;
-} Integrals;
-
-Integrals integrals_of(real2 k, const Way* way)
+Way way_to(int upward, int decaying, real mu, real thickness, real above, real depth)
 {
-    const int upward = way->upward, decaying = way->decaying;
-    const real mu = way->mu, thickness = way->thickness, left = way->left, far = way->far;
-    Integrals found;
-    if (k.y == 0.0 && (decaying || k.x * thickness > 1.0)) {
-        real top, bottom;
-        real_decaying_integrals(k.x, mu, left, exp(-left * k.x), way->decayed, exp(-far * k.x), &top, &bottom);
-        if (decaying && !upward && thickness > SEMI_INFINITE)
-            top = 0.0;
-        const real whole = decaying ? 1.0 : 1.0 + exp(-thickness * k.x);
-        found.even = (real2)(decaying ? (upward ? top : bottom) : (top + bottom) / whole, 0.0);
-        found.odd = (real2)(decaying ? (upward ? bottom : top) : (bottom - top) / (k.x * whole), 0.0);
-    } else if (!decaying) {
-        hyperbolic_integrals(k, mu, thickness, far, &found.even, &found.odd);
-    } else if (upward) {
-        decaying_integrals(k, mu, thickness, far, &found.even, &found.odd);
-    } else {
-        found.odd = (real2)(0.0);
-        if (thickness < SEMI_INFINITE)
-            found.odd = over(times(c_exp(-far * k), -c_expm1(-left * (real2)(k.x + 1.0 / mu, k.y))),
-                             (real2)(1.0 + mu * k.x, mu * k.y));
-        found.even = (left / mu) * exp_difference(-left * k, (real2)(-left / mu, 0.0));
-    }
+    const real left = upward ? thickness - depth : depth;
+    const real far = upward ? depth : thickness - left;    // by symmetry: down at depth is up at thickness - depth
+    const Way found = {upward, decaying, mu, thickness, above, depth, left, far};
     return found;
 }
 
-// Re and Im of a complex number times a column (re, im) of Stokes components.
-#define TIMES_RE(f, re, im) ((f).x * (re) - (f).y * (im))
-#define TIMES_IM(f, re, im) ((f).x * (im) + (f).y * (re))
-
-// The columns of a mode's light, or of a pair's, in Stokes components of one direction.
+// A mode's light, or a pair's, in Stokes components of a direction: rows of G_E X (e) and G_F Y (f).
 typedef struct {
     real4 e_re, e_im, f_re, f_im;
 } Lit;
@@ -206,32 +92,17 @@ typedef struct {
 } Gains;
 
 // For one mode or pair: the second of the gains is that of the pair's second coordinate.
-void gains_of(real2 lam, const Way* way, const Lit* lit, Gains* gains)
+void gains_of(vrte_complex lam, const Way* way, Lit lit, Gains* gains)
 {
-    const real sign = way->upward ? -1.0 : 1.0;
-    const real2 k = c_sqrt(lam);
-    const Integrals found = integrals_of(k, way);
-    const real2 even = 0.5 * found.even, odd = 0.5 * found.odd;
-    const real2 bottom = (real2)(way->mu * k.x - sign, way->mu * k.y);
-    const real2 share = size_of(bottom) < RESONANT ? (real2)(0.0) : over((real2)(0.5, 0.0), bottom);
-    const real4 e_re = lit->e_re, e_im = lit->e_im, f_re = lit->f_re, f_im = lit->f_im;
-    const real4 kf_re = sign * TIMES_RE(k, f_re, f_im), kf_im = sign * TIMES_IM(k, f_re, f_im);
-    gains[0].beam = TIMES_RE(share, e_re + kf_re, e_im + kf_im);
-    gains[1].beam = TIMES_IM(share, e_re + kf_re, e_im + kf_im);
-    gains[0].zeta = 0.5 * sign * f_re;
-    gains[1].zeta = 0.5 * sign * f_im;
-    if (way->decaying) {
-        gains[0].even = TIMES_RE(even, e_re + kf_re, e_im + kf_im);
-        gains[1].even = TIMES_IM(even, e_re + kf_re, e_im + kf_im);
-        gains[0].odd = TIMES_RE(odd, e_re - kf_re, e_im - kf_im);
-        gains[1].odd = TIMES_IM(odd, e_re - kf_re, e_im - kf_im);
-        return;
-    }
-    const real2 steep = times(lam, odd);
-    gains[0].even = TIMES_RE(even, e_re, e_im) + TIMES_RE(steep, f_re, f_im);
-    gains[1].even = TIMES_IM(even, e_re, e_im) + TIMES_IM(steep, f_re, f_im);
-    gains[0].odd = -sign * (TIMES_RE(odd, e_re, e_im) + TIMES_RE(even, f_re, f_im));
-    gains[1].odd = -sign * (TIMES_IM(odd, e_re, e_im) + TIMES_IM(even, f_re, f_im));
+    const vrte_mode_gains of = vrte_gains_of_mode(vrte_sqrt(lam), way->upward, way->decaying, way->mu, way->left, way->far);
+    const real halved = way->upward ? -0.5 : 0.5;
+    vrte_apply_gain(of.even, lit.e_re, lit.e_im, lit.f_re, lit.f_im, &gains[0].even, &gains[1].even);
+    vrte_apply_gain(of.odd, lit.e_re, lit.e_im, lit.f_re, lit.f_im, &gains[0].odd, &gains[1].odd);
+    vrte_apply_gain(of.beam, lit.e_re, lit.e_im, lit.f_re, lit.f_im, &gains[0].beam, &gains[1].beam);
+    gains[0].beam *= 0.5;
+    gains[1].beam *= 0.5;
+    gains[0].zeta = halved * lit.f_re;
+    gains[1].zeta = halved * lit.f_im;
 }
 
 // Adds to light going down, `to` (n_rhs, rows), the beam's part of the modes with k mu close to 1, which `gains_of`
@@ -242,21 +113,21 @@ void add_resonances(const Way* way, int n, int stokes, int rows, int n_in, int n
 {
     const real mu = way->mu, depth = way->depth;
     for (int j = 0, pair; j < n; j += 1 + pair) {
-        const real2 k = c_sqrt((real2)(lam_re[j], lam_im[j]));
+        const vrte_complex k = vrte_sqrt(vrte_pair(lam_re[j], lam_im[j]));
         pair = lam_im[j] != 0.0;
-        if (size_of((real2)(mu * k.x - 1.0, mu * k.y)) >= RESONANT)
+        if (vrte_size(vrte_pair(mu * k.x - 1.0, mu * k.y)) >= RESONANT)
             continue;
         const Lit lit = light_of(stokes, pair, lit_e + (long)j * ld, lit_f + (long)j * ld, ld);
-        const real4 re = lit.e_re + TIMES_RE(k, lit.f_re, lit.f_im), im = lit.e_im + TIMES_IM(k, lit.f_re, lit.f_im);
         for (int r = 0; r < n_rhs; r++) {
             const real beam = mu0[r / (n_rhs / n_in)];
-            const real2 value = (0.5 * depth * depth / mu * exp(-way->above / beam))
-                * exp_difference_2((real2)(-depth / mu, 0.0), -depth * k, (real2)(-depth / beam, 0.0));
+            const vrte_complex passed = vrte_pair(-depth / mu, 0.0), fed = vrte_pair(-depth / beam, 0.0);
+            vrte_complex gain[2] = {vrte_second_difference(passed, vrte_scaled(-depth, k), fed)};
+            real4 re, im;
+            gain[0] = vrte_scaled(0.5 * depth * depth / mu * exp(-way->above / beam), gain[0]);
+            gain[1] = vrte_times(gain[0], k);
+            vrte_apply_gain(gain, lit.e_re, lit.e_im, lit.f_re, lit.f_im, &re, &im);
             __global const real* y = c + (long)r * n + j;
-            real4 sum = stokes_at(stokes, to + (long)r * rows) + y[0] * TIMES_RE(value, re, im);
-            if (pair)
-                sum += y[1] * TIMES_IM(value, re, im);
-            put_stokes(stokes, to + (long)r * rows, sum);
+            put_stokes(stokes, to + (long)r * rows, stokes_at(stokes, to + (long)r * rows) + y[0] * re + (pair ? y[1] * im : 0.0));
         }
     }
 }
@@ -266,24 +137,13 @@ typedef struct {
     real zeta, direct, here, whole;
 } Shares;
 
-// The path integral is int e^(-x/mu0) e^(-|x - depth|/mu) dx/mu over what lies below depth (upward) or above it.
 Shares shares_of(const Way* way, real mu0)
 {
-    const real mu = way->mu, depth = way->depth, rate = 1.0 / mu + 1.0 / mu0, decay = exp(-way->above / mu0);
-    const real path = way->upward ? exp(-depth / mu0) * -expm1(-way->left * rate) / (mu * rate)
-        : (depth / mu) * exp_difference((real2)(-depth / mu0, 0.0), (real2)(-depth / mu, 0.0)).x;
+    const real decay = exp(-way->above / mu0);
+    const real path = decay * vrte_beam_path(way->upward, way->mu, mu0, way->left, way->depth);
     const int ends = way->upward && way->thickness < SEMI_INFINITE;
-    const Shares found = {decay * path, mu * decay * path, depth == 0.0 ? 0.0 : way->upward ? decay : -decay,
-                          ends ? -exp(-way->above / mu0 - way->left / mu) : 0.0};
-    return found;
-}
-
-// Which way light takes to a stop.
-Way way_to(int upward, int decaying, real mu, real thickness, real above, real depth)
-{
-    const real left = upward ? thickness - depth : depth;
-    const real far = upward ? depth : thickness - left;    // by symmetry: down at depth is up at thickness - depth
-    const Way found = {upward, decaying, mu, thickness, above, depth, left, far, exp(-left / mu)};
+    const Shares found = {path, way->mu * path, way->depth == 0.0 ? 0.0 : way->upward ? decay : -decay,
+                          ends ? -exp(-way->above / mu0 - way->left / way->mu) : 0.0};
     return found;
 }
 
@@ -301,10 +161,11 @@ Way way_to(int upward, int decaying, real mu, real thickness, real above, real d
 #define CLOSE_COLUMN(x, before) put_stokes(stokes, to + (long)r##x * rows, sum##x);
 
 // The source between a stop and the face that light comes from, into out (order, n_level, n_rhs, rows) at a level and
-// into part (order, layer, n_rhs, rows) at a face. lit, fed: of `light_of_modes`, `feed_modes`; decays (order, layer).
+// into part (order, layer, n_rhs, rows) at a face. lit_e = G_E X, lit_f = G_F Y (order, layer, n, ld); fed: of `feed_modes`;
+// decays (order, layer).
 // Global size: n_out, stops, orders.
 __attribute__((reqd_work_group_size(1, 1, 1)))
-__kernel void sum_sources(COUNTS, int ld, IN lit, IN lam_re, IN lam_im, INTS decays, IN even, IN odd, IN c, IN zeta,
+__kernel void sum_sources(COUNTS, int ld, IN lit_e, IN lit_f, IN lam_re, IN lam_im, INTS decays, IN even, IN odd, IN c, IN zeta,
                           IN fed, PLACES, OUT out, OUT part)
 {
     const int place = get_global_id(0), stop = get_global_id(1), upward = place < n_up, at_face = stop >= n_level;
@@ -315,8 +176,6 @@ __kernel void sum_sources(COUNTS, int ld, IN lit, IN lam_re, IN lam_im, INTS dec
     const int per_beam = n_rhs / n_in;
     const Way way = way_to(upward, decays[item], mu_out[place], thickness[layer], above[layer], depth);
     __global real* to = (at_face ? part + item * size : out + (order * n_level + stop) * size) + stokes * place;
-    __global const real* lit_e = lit + item * n * ld + stokes * place;
-    __global const real* lit_f = lit_e + (long)get_global_size(2) * n_layer * n * ld;
     __global const real* fed_here = fed + (order * (n_level + n_layer) + stop) * all;
     __global const real* fed_whole = fed + (order * (n_level + n_layer) + n_level + layer) * all;
     Gains gains[BLOCK + 1];
@@ -324,6 +183,8 @@ __kernel void sum_sources(COUNTS, int ld, IN lit, IN lam_re, IN lam_im, INTS dec
         put_stokes(stokes, to + (long)r * rows, (real4)(0.0));
     if (way.left == 0.0 || (at_face && layer == (upward ? 0 : n_layer - 1)))
         return;
+    lit_e += item * n * ld + stokes * place;
+    lit_f += item * n * ld + stokes * place;
     lam_re += item * n;
     lam_im += item * n;
     even += item * all;
@@ -337,9 +198,9 @@ __kernel void sum_sources(COUNTS, int ld, IN lit, IN lam_re, IN lam_im, INTS dec
     __global const real* whole = upward && thickness[layer] < SEMI_INFINITE ? fed_whole : c;
     for (int begin = 0, end; begin < n; begin = end) {
         for (end = begin; end < min(begin + BLOCK, n); end += lam_im[end] != 0.0 ? 2 : 1) {
-            const Lit light = light_of(stokes, lam_im[end] != 0.0, lit_e + (long)end * ld, lit_f + (long)end * ld, ld);
             Gains two[2];
-            gains_of((real2)(lam_re[end], lam_im[end]), &way, &light, two);
+            const Lit lit = light_of(stokes, lam_im[end] != 0.0, lit_e + (long)end * ld, lit_f + (long)end * ld, ld);
+            gains_of(vrte_pair(lam_re[end], lam_im[end]), &way, lit, two);
             gains[end - begin] = two[0];
             if (lam_im[end] != 0.0)
                 gains[end - begin + 1] = two[1];

@@ -3,8 +3,7 @@
 import math
 import os
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from operator import mul
@@ -16,22 +15,21 @@ from vrte.basics.arrays import Array
 from vrte.basics.errors import DeviceError
 from vrte.cl.building import Kernels, build_kernels
 
+SHARED = "complexes", "paths", "wigner", "series", "steps"  # mathematics of core/kernels/, behind the first source
 SOURCES = (
     "common",
     "products",
     "inverse",
     "extended",
     "doubling",
-    "spherical",
     "assembly",
     "invariance",
     "joining",
     "sums",
     "scattering",
-    "complexes",
     "reconstruction",
 )
-IN_DOUBLES = {"scattering", "complexes", "reconstruction"}  # left out of a program in single precision
+IN_DOUBLES = {"scattering", "reconstruction"}  # left out of a program in single precision
 SMALL, MOST_CONSTANTS = 1 << 14, 4096  # bytes of an array that is kept; how many of them
 OPTIONS = ("-cl-std=CL1.2", "-cl-mad-enable")
 REALS = {"double": np.dtype(np.float64), "single": np.dtype(np.float32)}  # what kernels compute with, by precision
@@ -237,22 +235,6 @@ class Session:
         group = self.kernels.groups[name][: len(size)]
         kernel(self.queue, tuple(map(mul, size, group)), group, *flatten_arguments(arguments))
 
-    @contextmanager
-    def lent(self, values: Array, written: bool = True) -> Iterator[Any]:
-        """The caller's own memory as the device's, which a processor need not copy; what kernels have ``written`` to it
-        is seen when the block is left."""
-        import pyopencl
-
-        flags = pyopencl.mem_flags
-        access = flags.READ_WRITE if written else flags.READ_ONLY
-        buffer = pyopencl.Buffer(self.context, access | flags.USE_HOST_PTR, hostbuf=values)
-        yield buffer
-        if written:
-            shape, read = values.shape, pyopencl.map_flags.READ
-            seen, _ = pyopencl.enqueue_map_buffer(self.queue, buffer, read, 0, shape, values.dtype)
-            seen.base.release(self.queue)
-            self.finish()
-
     def finish(self) -> None:
         """Waits until all that was enqueued is done."""
         self._check_process()
@@ -276,9 +258,11 @@ def flatten_arguments(arguments: Iterable[Any]) -> list[Any]:
 
 
 def read_sources(precision: str = "double") -> str:
-    """The numbers that they share with the core, and all kernels of a precision, one file behind the other."""
+    """Numbers and mathematics that they share with the core, and all kernels of a precision, one file behind the
+    other."""
     left_out = IN_DOUBLES if precision == "single" else set()
-    names = ["core/constants.h", *(f"cl/{name}.cl" for name in SOURCES if name not in left_out)]
+    common, *kernels = (f"cl/{name}.cl" for name in SOURCES if name not in left_out)
+    names = ["core/constants.h", common, *(f"core/kernels/{name}.h" for name in SHARED), *kernels]
     return "\n".join(files("vrte").joinpath(name).read_text(encoding="utf-8") for name in names)
 
 

@@ -47,11 +47,6 @@ cdef inline cplx half_tangent(cplx k, double thickness) noexcept nogil:
     return over(-e, times(k, e + 2.0))
 
 
-cdef inline cplx beam_response(cplx k, double rate, double depth) noexcept nogil:
-    """D(depth) = (e^(-depth rate) - e^(-k depth))/(k - rate), unit optical depth."""
-    return depth * exp_difference(make(-depth * rate, 0.0), -depth * k)
-
-
 cdef Job boundary_job(Arrays* t) noexcept nogil:
     cdef size_t n = t.n, n_layer = t.n_layer, r = t.n_rhs
     return Job(t.n_order, 5 * n_layer * n * (n + r) + stack_doubles(n, r) + 3 * n * n + 7 * n * r

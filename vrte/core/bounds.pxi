@@ -10,10 +10,13 @@ cdef Job order_bounds_job(Arrays* t) noexcept nogil:
     return Job(t.n_term, (4 * <size_t>t.n_all + 1) * t.n_term + t.n_all, 0)
 
 
+cdef extern from "core/kernels/in_c.h":
+    double vrte_norm_of_degree(double a1, double a2, double a3, double a4, double b1, double b2) noexcept nogil
+
+
 cdef inline double norm_of_coefficients(given c) noexcept nogil:
-    """Of both 2 x 2 blocks of B_l, the larger norm, or a little more."""
-    cdef double first = 0.5 * fabs(c[0] + c[1]) + hypot(0.5 * (c[0] - c[1]), c[4])
-    return max(first, max(fabs(c[2]), fabs(c[3])) + fabs(c[5]))
+    """The norm of B_l, or a little more."""
+    return vrte_norm_of_degree(c[0], c[1], c[2], c[3], c[4], c[5])
 
 
 cdef void add_at_depths(const Arrays* t, int scene, int m, double q) noexcept nogil:

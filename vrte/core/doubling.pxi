@@ -218,14 +218,14 @@ cdef void direct_complement(const Work* w, double h) noexcept nogil:
     """1 - tanh^2 = 1/cosh^2 of the unscattered light, without a difference."""
     cdef int i
     for i in range(w.s.o):
-        w.C.OO[i] = one_over_cosh_squared(h * w.e.OO[i])
+        w.C.OO[i] = vrte_over_cosh_squared(h * w.e.OO[i])
     for i in range(w.s.r):
-        w.C.II[i] = one_over_cosh_squared(h * w.e.II[i])
+        w.C.II[i] = vrte_over_cosh_squared(h * w.e.II[i])
 
 
-cdef inline double one_over_cosh_squared(double x) noexcept nogil:
-    cdef double e = exp(-2.0 * x)
-    return 4.0 * e / ((1.0 + e) * (1.0 + e))
+cdef extern from "core/kernels/in_c.h":
+    double vrte_over_cosh_squared(double x) noexcept nogil
+    double vrte_doubled_ratio(double ratio, double used) noexcept nogil
 
 
 cdef int rational_start(const Work* w, double h) noexcept nogil:
@@ -292,8 +292,7 @@ cdef int double_semi_infinite(Work* w, int* doublings) noexcept nogil:
         doublings[0] += 1
         if gap < 1e-9 and ratio > 0.999:      # the error is squared by the step just done
             break
-        # x -> 2 (x/sqrt(used))/(1 + x^2/used) of the two ends; the largest is 1 again
-        ratio = min(2.0 * ratio * sqrt(used) / (used + ratio * ratio), 2.0 * sqrt(used) / (1.0 + used))
+        ratio = vrte_doubled_ratio(ratio, used)
     return 0
 
 

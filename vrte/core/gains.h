@@ -1,8 +1,5 @@
 #pragma once
-#include <math.h>
-
-#include "constants.h"
-#include "wide.h"
+#include "kernels/in_c.h"
 
 typedef struct {
     /* What arrives at a depth of a layer from its far face, by rows: the Stokes parameters of some directions. left:
@@ -15,20 +12,6 @@ typedef struct {
 } vrte_arrival;
 
 enum { VRTE_MOMENTS = 7 }; /* terms of sinh(x)/x that count for x up to 1/2 */
-
-/* sinh(x)/x by its series; square: x^2, up to 1/4. */
-VRTE_INLINE double vrte_sinh_over(double square) {
-    double sum = 1.0 / 6227020800.0 + square * (1.0 / 1307674368000.0);
-    sum = 1.0 / 362880.0 + square * (1.0 / 39916800.0 + square * sum);
-    return 1.0 + square * (1.0 / 6.0 + square * (1.0 / 120.0 + square * (1.0 / 5040.0 + square * sum)));
-}
-
-/* (e^a - e^b)/(a - b), and e^a where they meet: e^((a + b)/2) sinh(x)/x with x = (a - b)/2 where these are close. */
-static double vrte_exp_difference(double a, double b) {
-    double gap = a - b;
-    if (fabs(gap) > 1.0) return (exp(a) - exp(b)) / gap;
-    return exp(0.5 * (a + b)) * vrte_sinh_over(0.25 * gap * gap);
-}
 
 /* moments (VRTE_MOMENTS, rows): of t, t^3, t^5, ... times e^(-(x - far)/mu) dx/mu over x from far to the bottom, t from
    -1 at a layer's top to 1 at its bottom. Gauss's rule where e^(-left/mu) is smooth, else integration by parts. */
@@ -60,8 +43,8 @@ static void vrte_odd_moments(const vrte_arrival* p, double* moments) {
 }
 
 /* Columns of the gains of one real mode, lam = k^2: amplitudes of the even and the odd mode to radiance, and
-   (g_e -+ k g_f)/(1 + k mu) or /(k mu - 1), 0 near resonance. The integrals are those of `decaying_integrals` and
-   `hyperbolic_integrals`, that over sinh of a thin layer by the series of sinh and the moments. */
+   (g_e -+ k g_f)/(1 + k mu) or /(k mu - 1), 0 near resonance. The integrals are those of `vrte_decaying_integrals` and
+   `vrte_hyperbolic_integrals`, that over sinh of a thin layer by the series of sinh and the moments. */
 VRTE_INLINE void vrte_real_gains(const vrte_arrival* p, double lam, const double* VRTE_OWN g_e,
                                  const double* VRTE_OWN g_f, double* VRTE_OWN even, double* VRTE_OWN odd,
                                  double* VRTE_OWN beam) {

@@ -108,37 +108,31 @@ cdef void remember(int size, AndersonHistory* past) noexcept nogil:
     past.steps += 1
 
 
+cdef extern from "core/kernels/in_c.h":
+    double vrte_missing(double gap, double rate, double largest) noexcept nogil
+    void vrte_accelerate(int steps, double product_00, double product_01, double product_02, double product_11,
+                         double product_12, double product_22, double* fraction) noexcept nogil
+
+
 cdef void accelerate(int size, AndersonHistory* past, doubles R) noexcept nogil:
     """R <- the combination of this step and the last two that would have moved least (Anderson's acceleration)."""
     cdef int k
-    cdef double a11, a12, a22 = 0.0, b1, b2 = 0.0, det, g1 = 0.0, g2 = 0.0, c0, c1
+    cdef double fraction[3]
     cdef given x = past.led[0]
     cdef given y = past.led[1]
     cdef given z = past.led[2]
     for k in range(min(past.steps, 2) + 1):
         past.products[0][k] = scalar_product(size, past.moved[0], past.moved[k])
-    if past.steps > 0:
-        a11 = past.products[0][0] - 2.0 * past.products[0][1] + past.products[1][1]
-        b1 = past.products[0][0] - past.products[0][1]
-        if past.steps > 1:
-            a12 = past.products[0][1] - past.products[0][2] - past.products[1][1] + past.products[1][2]
-            a22 = past.products[1][1] - 2.0 * past.products[1][2] + past.products[2][2]
-            b2 = past.products[0][1] - past.products[0][2]
-            det = a11 * a22 - a12 * a12
-            if det > 1e-10 * a11 * a22:
-                g1, g2 = (b1 * a22 - b2 * a12) / det, (b2 * a11 - b1 * a12) / det
-        if g2 == 0.0 and a11 > 0.0:
-            g1 = b1 / a11
-    if g1 == 0.0:
+    vrte_accelerate(past.steps, past.products[0][0], past.products[0][1], past.products[0][2], past.products[1][1],
+                    past.products[1][2], past.products[2][2], fraction)
+    if fraction[0] == 1.0:
         copy(size, x, R)
-        return
-    c0, c1 = 1.0 - g1, g1 - g2
-    if g2 == 0.0:
+    elif fraction[2] == 0.0:
         for k in range(size):
-            R[k] = c0 * x[k] + c1 * y[k]
+            R[k] = fraction[0] * x[k] + fraction[1] * y[k]
     else:
         for k in range(size):
-            R[k] = c0 * x[k] + c1 * y[k] + g2 * z[k]
+            R[k] = fraction[0] * x[k] + fraction[1] * y[k] + fraction[2] * z[k]
 
 
 cdef struct Linear:
@@ -159,7 +153,7 @@ cdef double fixed_point(const Expansion* x, FactorColumns* rows, FactorColumns* 
     cdef doubles new
     cdef bint done
     cdef AndersonHistory past
-    past.steps = 0
+    memset(&past, 0, sizeof(AndersonHistory))
     for k in range(3):
         past.led[k], past.moved[k] = room + <size_t>2 * k * size, room + <size_t>(2 * k + 1) * size
     set_zero(size, R)
@@ -182,7 +176,7 @@ cdef double fixed_point(const Expansion* x, FactorColumns* rows, FactorColumns* 
         for k in range(size):
             past.moved[0][k] = new[k] - R[k]
         gap, largest = largest_in(size, past.moved[0]), largest_in(size, new)
-        missing = gap * rate / (1.0 - rate) / largest if largest > 0.0 else 1.0
+        missing = vrte_missing(gap, rate, largest)
         steps[0] += 1
         done = largest == 0.0 or missing <= tolerance or gap <= 4e-16 * largest or stop[0]
         if done:

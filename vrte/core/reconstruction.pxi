@@ -12,54 +12,16 @@ cdef extern from "core/gains.h":
                                        double*) noexcept nogil
     vrte_real_gains_form* vrte_real_gains_best(bint wide) noexcept nogil
 
-
-cdef inline void decaying_integrals(cplx k, double mu, double thickness, double depth, cplx* from_top,
-                                  cplx* from_bottom) noexcept nogil:
-    """int e^(-k x) and int e^(-k (thickness - x)) times e^(-(x - depth)/mu) dx/mu over x from depth to the bottom."""
-    cdef double left = thickness - depth
-    from_bottom[0] = make(0.0, 0.0)
-    if thickness > SEMI_INFINITE:
-        from_top[0] = over(c_exp(-depth * k), 1.0 + mu * k)
-    else:
-        from_top[0] = over(times(c_exp(-depth * k), -c_expm1(-left * (k + 1.0 / mu))), 1.0 + mu * k)
-        from_bottom[0] = (left / mu) * exp_difference(-left * k, make(-left / mu, 0.0))
-
-
-cdef void hyperbolic_integrals(cplx k, double mu, double thickness, double depth, cplx* cosine,
-                               cplx* sine) noexcept nogil:
-    """int cosh(k t)/cosh(k h) and int sinh(k t)/(k cosh(k h)) times e^(-(x - depth)/mu) dx/mu over x from depth to
-    the slab's bottom, t = x - h."""
-    cdef double left = thickness - depth, h = 0.5 * thickness
-    cdef cplx from_top, from_bottom, whole, u, v, plus, minus
-    decaying_integrals(k, mu, thickness, depth, &from_top, &from_bottom)
-    whole = 1.0 + c_exp(-thickness * k)
-    cosine[0] = over(from_top + from_bottom, whole)
-    if size_of(k) * thickness > 1.0:
-        sine[0] = over(from_bottom - from_top, times(k, whole))
-        return
-    # near k = 0: e^(k(depth - h)) times int e^(k(x - depth)) ..., differenced between k and -k
-    plus, minus = left * k - left / mu, -left * k - left / mu
-    u = (2.0 * (depth - h)) * exp_difference((depth - h) * k, (h - depth) * k)
-    v = (left / mu) * exp_difference(make(0.0, 0.0), plus)
-    sine[0] = 0.5 * times(u, v)
-    v = (2.0 * left * left / mu) * exp_difference_2(make(0.0, 0.0), plus, minus)
-    sine[0] = sine[0] + 0.5 * times(c_exp((h - depth) * k), v)
-    whole = 0.5 * (c_exp(h * k) + c_exp(-h * k))
-    sine[0] = over(sine[0], whole)
-
-
-cdef inline double beam_up(double mu, double mu0, double thickness, double depth) noexcept nogil:
-    """int e^(-x/mu0) e^(-(x - depth)/mu) dx/mu from depth to the slab's bottom."""
-    cdef double rate = 1.0 / mu + 1.0 / mu0
-    return exp(-depth / mu0) * -expm1(-(thickness - depth) * rate) / (mu * rate)
-
-
-cdef inline double beam_down(double mu, double mu0, double depth) noexcept nogil:
-    """int e^(-x/mu0) e^(-(depth - x)/mu) dx/mu from the slab's top to depth."""
-    return (depth / mu) * exp_difference(make(-depth / mu0, 0.0), make(-depth / mu, 0.0)).real
-
-
-cdef enum: ARRIVAL = 5 + VRTE_MOMENTS     # doubles of a row that `arrival_of` fills
+cdef extern from "core/kernels/in_c.h":
+    ctypedef struct vrte_mode_gains:
+        vrte_complex even[2]
+        vrte_complex odd[2]
+        vrte_complex beam[2]
+    double vrte_beam_path(bint upward, double mu, double mu0, double left, double depth) noexcept nogil
+    vrte_mode_gains vrte_gains_of_mode(vrte_complex k, bint upward, bint decaying, double mu, double left,
+                                       double far) noexcept nogil
+    void vrte_apply_gain(const vrte_complex* gain, double e_re, double e_im, double f_re, double f_im, double* re,
+                         double* im) noexcept nogil
 
 
 cdef Job reconstruct_job(Arrays* t) noexcept nogil:
@@ -183,8 +145,7 @@ cdef void through_layer(Path* path, given entering, doubles out, doubles work) n
         beam = r // path.per_beam
         decay = exp(-path.above / mu0[beam])
         for mu in range(n_mu):
-            light = (beam_up(mu_out[mu], mu0[beam], thickness, depth) if upward
-                     else beam_down(mu_out[mu], mu0[beam], depth))
+            light = vrte_beam_path(upward, mu_out[mu], mu0[beam], left, depth)
             for i in range(stokes * mu, stokes * (mu + 1)):
                 column = <size_t>r * used + i
                 out[<size_t>r * rows + i] += decay * (light * (mu_out[mu] * first[column] + third[column])
@@ -238,39 +199,16 @@ cdef int real_gains_one(const void* task, int item, Workspace desk) noexcept nog
 
 cdef void pair_gains(const Path* path, int j, doubles even_gain, doubles odd_gain, doubles beam_gain) noexcept nogil:
     """As `vrte_real_gains`, the two columns of a complex pair as the real and imaginary parts of one."""
-    cdef bint upward = path.upward, decaying = path.modes.decaying
-    cdef int stokes = path.stokes, rows = path.rows
-    cdef size_t used = <size_t>stokes * path.n_mu
-    cdef double thickness = path.modes.thickness, left = path.left, far = path.far, sign = -1.0 if upward else 1.0
-    cdef given g_e = path.g_e + <size_t>j * rows, g_f = path.g_f + <size_t>j * rows, mu_out = path.mu_out
-    cdef cplx lam = lambda_of(&path.modes, j), k = c_sqrt(lam), cosine, sine, bottom, ge, gf, a, b
-    cdef int i, m
-    for m in range(path.n_mu):
-        if not decaying:
-            hyperbolic_integrals(k, mu_out[m], thickness, far, &cosine, &sine)
-        elif upward:
-            decaying_integrals(k, mu_out[m], thickness, far, &cosine, &sine)
-        else:
-            sine = make(0.0, 0.0)
-            if thickness < SEMI_INFINITE:
-                sine = over(times(c_exp(-far * k), -c_expm1(-left * (k + 1.0 / mu_out[m]))), 1.0 + mu_out[m] * k)
-            cosine = (left / mu_out[m]) * exp_difference(-left * k, make(-left / mu_out[m], 0.0))
-        bottom = 1.0 + mu_out[m] * k if upward else mu_out[m] * k - 1.0
-        bottom = make(0.0, 0.0) if size_of(bottom) < RESONANT else over(make(1.0, 0.0), bottom)
-        for i in range(stokes * m, stokes * (m + 1)):
-            ge, gf = make(g_e[i], g_e[i + rows]), make(g_f[i], g_f[i + rows])
-            if decaying:
-                a = times(cosine, ge + sign * times(k, gf))
-                b = times(sine, ge - sign * times(k, gf))
-            else:
-                a = times(cosine, ge) + times(times(lam, sine), gf)
-                b = times(sine, ge) + times(cosine, gf)
-                if not upward:
-                    b = -b
-            even_gain[i], even_gain[i + used] = 0.5 * a.real, 0.5 * a.imag
-            odd_gain[i], odd_gain[i + used] = 0.5 * b.real, 0.5 * b.imag
-            a = times(bottom, ge + sign * times(k, gf))
-            beam_gain[i], beam_gain[i + used] = a.real, a.imag
+    cdef int stokes = path.stokes, rows = path.rows, used = stokes * path.n_mu, i
+    cdef given e = path.g_e + <size_t>j * rows, f = path.g_f + <size_t>j * rows
+    cdef vrte_complex k = pair(rate_of(&path.modes, j))
+    cdef vrte_mode_gains gains
+    for i in range(used):
+        if i % stokes == 0:
+            gains = vrte_gains_of_mode(k, path.upward, path.modes.decaying, path.mu_out[i // stokes], path.left, path.far)
+        vrte_apply_gain(gains.even, e[i], e[i + rows], f[i], f[i + rows], even_gain + i, even_gain + i + used)
+        vrte_apply_gain(gains.odd, e[i], e[i + rows], f[i], f[i + rows], odd_gain + i, odd_gain + i + used)
+        vrte_apply_gain(gains.beam, e[i], e[i + rows], f[i], f[i + rows], beam_gain + i, beam_gain + i + used)
 
 
 cdef void feed(const Path* path, double depth, cplx* response, doubles fed) noexcept nogil:
@@ -303,8 +241,8 @@ cdef void resonances(const Path* path, doubles out) noexcept nogil:
             for r in range(path.n_rhs):
                 if r % path.per_beam == 0:
                     mu0 = path.mu0[r // path.per_beam]
-                    value = (0.5 * depth * depth / mu * exp(-path.above / mu0)) * exp_difference_2(
-                        make(-depth / mu, 0.0), -depth * k, make(-depth / mu0, 0.0))
+                    value = (0.5 * depth * depth / mu * exp(-path.above / mu0)) * of_pair(vrte_second_difference(
+                        vrte_pair(-depth / mu, 0.0), pair(-depth * k), vrte_pair(-depth / mu0, 0.0)))
                 y = path.c + <size_t>r * n + j
                 for i in range(stokes * place, stokes * (place + 1)):
                     row = <size_t>j * rows + i

@@ -94,7 +94,7 @@ cdef int path_integrals_one(const void* task, int chosen, Workspace desk) noexce
                     if length > 0.0:
                         out[i * t.n_mu + j] = (
                             length * rate * exp(-t.above[row] * rate_in - way * rate)
-                            * exp_difference(make(-length * rate_in, 0.0), make(-length * rate, 0.0)).real)
+                            * vrte_exp_difference(-length * rate_in, -length * rate))
     return 0
 
 

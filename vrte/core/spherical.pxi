@@ -1,57 +1,26 @@
 # Spherical functions and the phase matrices A^m, (1:9).
 
-cdef inline double to_the_power(double x, int m) noexcept nogil:
-    """x^m, m >= 0."""
-    cdef double result = 1.0
-    while m > 0:
-        if m & 1:
-            result *= x
-        x *= x
-        m >>= 1
-    return result
-
-
-cdef void wigner_starts(int m, bint polar, given mu, int n_mu, doubles zero, doubles plus,
-                        doubles minus) noexcept nogil:
-    """d^l_{m,0} at l = m, then d^l_{m,2} and d^l_{m,-2} at l = max(m, 2) unless the polar ones are not wanted."""
-    cdef double factor = 1.0 if m % 2 == 0 else -1.0, growth = factor, sine, power
-    cdef int i, j
-    for j in range(1, m + 1):
-        factor *= sqrt((2.0 * j - 1.0) / (2.0 * j))
-    for j in range(2, m):
-        growth *= 0.5 * sqrt((2.0 * j + 2.0) * (2.0 * j + 1.0) / ((j - 1.0) * (j + 3.0)))
-    for i in range(n_mu):
-        sine = sqrt((1.0 - mu[i]) * (1.0 + mu[i]))
-        zero[i] = factor * to_the_power(sine, m)
-        if not polar:
-            continue
-        if m == 0:
-            plus[i] = minus[i] = sqrt(6.0) / 4.0 * sine * sine
-        elif m == 1:
-            plus[i], minus[i] = 0.5 * sine * (1.0 + mu[i]), -0.5 * sine * (1.0 - mu[i])
-        else:
-            power = 0.25 * growth * to_the_power(sine, m - 2)
-            plus[i], minus[i] = (1.0 + mu[i]) * (1.0 + mu[i]) * power, (1.0 - mu[i]) * (1.0 - mu[i]) * power
+cdef extern from "core/kernels/in_c.h":
+    double vrte_start_factor(int m) noexcept nogil
+    double vrte_polar_factor(int m) noexcept nogil
+    double vrte_wigner_start(int m, double mu, double factor) noexcept nogil
+    void vrte_polar_start(int m, double mu, double factor, double* plus, double* minus) noexcept nogil
+    double vrte_wigner_lower(int m, int k, double l) noexcept nogil
+    double vrte_wigner_upper(int m, int k, double l) noexcept nogil
+    double vrte_wigner_next(int m, int k, int l, double mu, double lower, double upper, double now,
+                            double before) noexcept nogil
 
 
 cdef void wigner_step(int m, int k, int l, given mu, int n_mu, given before, given now,
                       doubles after) noexcept nogil:
     """d^{l+1}_{m,k} from d^l and, above the first l, d^{l-1}; (n_mu,) each."""
-    cdef double lower, upper, odd = 2.0 * l + 1.0, steep = <double>l * (l + 1.0), shift = <double>m * k
+    cdef double lower = vrte_wigner_lower(m, k, l), upper = vrte_wigner_upper(m, k, l)
     cdef int i
     if l == 0:
         copy(n_mu, mu, after)
         return
-    # factors that all mu share are whole numbers where m = 0: rounded ones would make P_l and 1 overlap at every node
-    # alike
-    lower = (l + 1.0) * sqrt((<double>l * l - <double>m * m) * (<double>l * l - <double>k * k))
-    upper = l * sqrt(((l + 1.0) * (l + 1.0) - <double>m * m) * ((l + 1.0) * (l + 1.0) - <double>k * k))
-    if lower == 0.0:      # before is not there yet
-        for i in range(n_mu):
-            after[i] = odd * (steep * mu[i] - shift) * now[i] / upper
-    else:
-        for i in range(n_mu):
-            after[i] = (odd * (steep * mu[i] - shift) * now[i] - lower * before[i]) / upper
+    for i in range(n_mu):
+        after[i] = vrte_wigner_next(m, k, l, mu[i], lower, upper, now[i], before[i] if lower != 0.0 else 0.0)
 
 
 cdef void spherical(int m, int terms, bint polar, given mu, int n_mu, doubles out) noexcept nogil:
@@ -59,11 +28,11 @@ cdef void spherical(int m, int terms, bint polar, given mu, int n_mu, doubles ou
     cdef int i, l, first = max(m, 2)
     cdef size_t row = 3 * n_mu
     cdef doubles now
-    cdef double plus, minus
+    cdef double plus, minus, factor = vrte_start_factor(m)
     if terms <= m:
         return
-    now = out + row * min(first, terms - 1)
-    wigner_starts(m, polar and first < terms, mu, n_mu, out + row * m, now + n_mu, now + 2 * n_mu)
+    for i in range(n_mu):
+        out[row * m + i] = vrte_wigner_start(m, mu[i], factor)
     for l in range(m, terms - 1):
         now = out + row * l
         wigner_step(m, 0, l, mu, n_mu, now - row, now, now + row)
@@ -71,6 +40,9 @@ cdef void spherical(int m, int terms, bint polar, given mu, int n_mu, doubles ou
         return
     for l in range(m, min(first, terms)):
         set_zero(2 * n_mu, out + row * l + n_mu)
+    factor, now = vrte_polar_factor(m), out + row * first + n_mu
+    for i in range(n_mu if first < terms else 0):
+        vrte_polar_start(m, mu[i], factor, now + i, now + n_mu + i)
     for l in range(first, terms - 1):
         now = out + row * l + n_mu
         wigner_step(m, 2, l, mu, n_mu, now - row, now, now + row)

@@ -1,0 +1,21 @@
+/* Scalar mathematics that the compiled core and the OpenCL kernels share, as the core includes it. The headers are C99
+   and OpenCL C 1.2: `real` is what a program computes with, `lanes` one number of it or four, `mask` what comparing
+   them gives; cl/common.cl has these names for a device. */
+#pragma once
+#include <math.h>
+
+#include "../constants.h"
+#include "../wide.h"
+
+typedef double real;
+typedef double lanes;
+typedef int mask;
+#define VRTE_SHARED VRTE_INLINE
+#define STORED const
+#define INDEPENDENT 1e-10 /* of two steps, above it, the determinant of their products over the product of their squares */
+
+#include "complexes.h"
+#include "paths.h"
+#include "wigner.h"
+#include "series.h"
+#include "steps.h"
