@@ -14,6 +14,7 @@ import pytest
 import vrte
 from bench.faults import FAULTS, ROOT, Fault
 from vrte.basics.views import VIEWS, view
+from vrte.cl.session import SHARED
 
 PACKAGE = Path(vrte.__file__).parent
 HOUSE = (ROOT / "docs" / "explanation" / "house.md").read_text()
@@ -83,7 +84,9 @@ def test_the_core_has_a_file_a_stage() -> None:
     assert tuple(listed) == SHARED
     assert sorted(f"{name}.h" for name in (*listed, "in_c")) == [path.name for path in shared]
     assert not [
-        path.name for path in [*files, *shared] if path.is_file() and any(len(line) > 120 for line in path.read_text().splitlines())
+        path.name
+        for path in [*files, *shared]
+        if path.is_file() and any(len(line) > 120 for line in path.read_text().splitlines())
     ]
 
 

@@ -24,6 +24,9 @@ cdef extern from "core/kernels/in_c.h":
                          double* im) noexcept nogil
 
 
+cdef enum: ARRIVAL = 5 + VRTE_MOMENTS     # doubles of a row that `arrival_of` fills
+
+
 cdef Job reconstruct_job(Arrays* t) noexcept nogil:
     cdef size_t n = t.n, rows = t.n_out_rows, r = t.n_rhs
     return Job(t.n_order, 2 * rows * n * t.n_layer + 5 * rows * r + 3 * rows * n + n * r + 2 * n + ARRIVAL * rows, 0)
