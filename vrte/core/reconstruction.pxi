@@ -208,7 +208,8 @@ cdef void pair_gains(const Path* path, int j, doubles even_gain, doubles odd_gai
     cdef vrte_mode_gains gains
     for i in range(used):
         if i % stokes == 0:
-            gains = vrte_gains_of_mode(k, path.upward, path.modes.decaying, path.mu_out[i // stokes], path.left, path.far)
+            gains = vrte_gains_of_mode(k, path.upward, path.modes.decaying, path.mu_out[i // stokes], path.left,
+                                       path.far)
         vrte_apply_gain(gains.even, e[i], e[i + rows], f[i], f[i + rows], even_gain + i, even_gain + i + used)
         vrte_apply_gain(gains.odd, e[i], e[i + rows], f[i], f[i + rows], odd_gain + i, odd_gain + i + used)
         vrte_apply_gain(gains.beam, e[i], e[i + rows], f[i], f[i + rows], beam_gain + i, beam_gain + i + used)

@@ -70,7 +70,8 @@ VRTE_INLINE void vrte_scatter(int scalar, int terms, const double* table, double
     }
     vrte_series(terms, table, x, f);
     for (int i = 0; i < count; i++)
-        vrte_turns(mu0, mu, sine0, sine, cos_phi[i], sin_phi[i], turns + i, turns + VRTE_BLOCK + i, cos_in + i, sin_in + i);
+        vrte_turns(mu0, mu, sine0, sine, cos_phi[i], sin_phi[i], turns + i, turns + VRTE_BLOCK + i, cos_in + i,
+                   sin_in + i);
     for (int c = 0; c < n_col; c++) {
         const double *pair = columns + 4 * c + 2 * kind[c], *b = f + 2 * VRTE_BLOCK;
         double* out = z + 4 * c * stride;

@@ -12,7 +12,7 @@ typedef double lanes;
 typedef int mask;
 #define VRTE_SHARED VRTE_INLINE
 #define STORED const
-#define INDEPENDENT 1e-10 /* of two steps, above it, the determinant of their products over the product of their squares */
+#define INDEPENDENT 1e-10 /* of two steps: the determinant of their products over the product of their squares */
 
 #include "complexes.h"
 #include "paths.h"

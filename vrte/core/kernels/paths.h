@@ -33,12 +33,13 @@ VRTE_SHARED void vrte_decaying_integrals(vrte_complex k, real mu, real left, rea
     *from_other = vrte_scaled(left / mu, vrte_exp_difference_of(vrte_scaled(-left, k), vrte_pair(-left / mu, 0.0)));
 }
 
-/* int cosh(k t)/cosh(k h) and int sinh(k t)/(k cosh(k h)) times the same, t the depth from the layer's middle, h half its
-   thickness. */
+/* int cosh(k t)/cosh(k h) and int sinh(k t)/(k cosh(k h)) times the same, t the depth from the layer's middle, h half
+   its thickness. */
 VRTE_SHARED void vrte_hyperbolic_integrals(vrte_complex k, real mu, real left, real far, vrte_complex* cosine,
                                            vrte_complex* sine) {
     const real thickness = left + far, h = 0.5 * thickness;
-    const vrte_complex zero = vrte_pair(0.0, 0.0), whole = vrte_plus(vrte_pair(1.0, 0.0), vrte_exp(vrte_scaled(-thickness, k)));
+    const vrte_complex zero = vrte_pair(0.0, 0.0), one = vrte_pair(1.0, 0.0);
+    const vrte_complex whole = vrte_plus(one, vrte_exp(vrte_scaled(-thickness, k)));
     const vrte_complex along = vrte_scaled(left, k), passed = vrte_pair(left / mu, 0.0);
     const vrte_complex plus = vrte_minus(along, passed), minus = vrte_minus(vrte_scaled(-1.0, along), passed);
     vrte_complex from_near, from_other, u, v;
@@ -58,9 +59,9 @@ VRTE_SHARED void vrte_hyperbolic_integrals(vrte_complex k, real mu, real left, r
     *sine = vrte_over(u, v);
 }
 
-/* What radiance in a row of G_E X and G_F Y gets of the amplitudes of an even and an odd mode (where modes decay, of those
-   from the top and from the bottom) and of the beam's part, (g_e -+ k g_f)/(mu k +- 1), left out near resonance: factors of
-   g_e and of g_f each. */
+/* What radiance in a row of g_e = G_E X and g_f = G_F Y gets of the amplitudes of an even and an odd mode, or, where
+   modes decay, of those from the top and from the bottom, and of the beam's part, (g_e -+ k g_f)/(mu k +- 1), left out
+   near resonance: factors of g_e and of g_f each. */
 typedef struct {
     vrte_complex even[2], odd[2], beam[2];
 } vrte_mode_gains;

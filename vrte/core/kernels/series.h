@@ -1,6 +1,6 @@
-/* A phase matrix at angles of scattering, and turned to the meridian planes: `lanes` are of as many angles. A row of its
-   table (SERIES) has the factors of d^{l+1} = (a x -+ b) d^l - c d^{l-1} (a, c of d_00; a, c of d_02; a, b, c of d_2,+-2),
-   then the coefficients of F11, F44, F12, F34, F22 + F33, F22 - F33. */
+/* A phase matrix at angles of scattering, and turned to the meridian planes: `lanes` are of as many angles. A row of
+   its table (SERIES) has the factors of d^{l+1} = (a x -+ b) d^l - c d^{l-1} (a, c of d_00; a, c of d_02; a, b, c of
+   d_2,+-2), then the coefficients of F11, F44, F12, F34, F22 + F33, F22 - F33. */
 
 /* Two degrees of d_00 and d_02, and what they add to F11, F44, F12, F34. */
 VRTE_SHARED void vrte_add_two(STORED real* s, lanes x, lanes* p, lanes* p_old, lanes* q, lanes* q_old, lanes* f11,

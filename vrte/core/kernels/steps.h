@@ -11,8 +11,8 @@ VRTE_SHARED real vrte_missing(real gap, real rate, real largest) {
     return largest > 0.0 ? gap * rate / (1.0 - rate) / largest : 1.0;
 }
 
-/* Anderson's acceleration: fractions of what the last three steps led to, the latest first, that would have moved least;
-   product_ij: scalar products of what the steps moved. */
+/* Anderson's acceleration: fractions of what the last three steps led to, the latest first, that would have moved
+   least; product_ij: scalar products of what the steps moved. */
 VRTE_SHARED void vrte_accelerate(int steps, real product_00, real product_01, real product_02, real product_11,
                                  real product_12, real product_22, real* fraction) {
     const real a11 = product_00 - 2.0 * product_01 + product_11, b1 = product_00 - product_01;

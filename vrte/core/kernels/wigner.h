@@ -41,8 +41,8 @@ VRTE_SHARED void vrte_polar_start(int m, real mu, real factor, real* plus, real*
     }
 }
 
-/* Factors of a step from l to l + 1, of d^{l-1} and of d^{l+1}: whole numbers where m = 0, since rounded ones would make
-   P_l and 1 overlap at every node alike. */
+/* Factors of a step from l to l + 1, of d^{l-1} and of d^{l+1}: whole numbers where m = 0, since rounded ones would
+   make P_l and 1 overlap at every node alike. */
 VRTE_SHARED real vrte_wigner_lower(int m, int k, real l) {
     return (l + 1.0) * sqrt((l * l - (real)m * m) * (l * l - (real)k * k));
 }
