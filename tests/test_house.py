@@ -70,8 +70,8 @@ def test_rooms_keep_their_budgets(room: str, budget: str) -> None:
 
 
 def test_the_core_has_a_file_a_stage() -> None:
-    """_core.pyx is the table of contents: every file of core/ is included once, and none has a long line; nor has a header
-    of core/kernels/, all of which the core and the OpenCL kernels have."""
+    """_core.pyx is the table of contents: every file of core/ is included once, and none has a long line; nor has a
+    header of core/kernels/, all of which the core and the OpenCL kernels have."""
     contents = (PACKAGE / "_core.pyx").read_text()
     assert len(contents.splitlines()) <= 80
     files = sorted((PACKAGE / "core").iterdir())
