@@ -131,7 +131,7 @@ class Case:
     def find_nodes(self) -> Array:
         """The nodes' cosines, (nodes,): of the densest medium, where there are several."""
         if self.media:
-            return make_refracted_nodes(self.media, self.nodes).carried(max(self.media))[0]
+            return make_refracted_nodes(self.media, self.nodes, layers=self.media[1:-1]).carried(max(self.media))[0]
         return make_double_gauss(self.nodes)[0]
 
     @property

@@ -14,8 +14,7 @@ Measure = Callable[..., float]
 def test_surface_of_a_paint(benchmark: Any, against_floor: Measure) -> None:
     """20 x 20 x 37 Mueller BRDF at accuracy 1e-6, nodes chosen; the least ratio counts.
 
-    Asked for is 1.8, measured is more (docs/how_to/interfaces.md): without a surface most Fourier orders take the
-    invariance equation, which knows no surface. Held is what is measured, with room for a noisy machine.
+    Asked for is 1.8 (docs/how_to/interfaces.md). Held is what is measured, with room for a noisy machine.
     """
     calls = list_surface_calls()
     against_floor(calls["vrte, smooth surface"][0], calls["vrte"][0])

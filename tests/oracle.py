@@ -159,7 +159,9 @@ class Order:
         `make_refracted_nodes` has them."""
         found, media = [], self.scene.media
         gauss = ((0, self.count, Panel(0.0, media[0], math.inf)),)
-        for first, last, panel in make_refracted_nodes(media, self.count).panels if len({*media}) > 1 else gauss:
+        for first, last, panel in (
+            make_refracted_nodes(media, self.count, layers=self.scene.indices).panels if len({*media}) > 1 else gauss
+        ):
             size, most = arb(panel.high) ** 2 - arb(panel.low) ** 2, arb.pi() / 2 if panel.low else arb(1)
             for k in range(last - first):
                 x, weight = arb.legendre_p_root(last - first, k, weight=True)

@@ -21,7 +21,7 @@ METAL, SILVER = vrte.Mirror(0.2 + 3.0j), vrte.Mirror(1e-3 + 1e3j)
 P, D = np.diag([1.0, 1.0, 1.0, -1.0]), np.diag([1.0, 1.0, -1.0, -1.0])
 
 
-@pytest.mark.parametrize(("index", "nodes"), [(1.5, 24), (1.0001, 48), (4.0, 40)])
+@pytest.mark.parametrize(("index", "nodes"), [(1.5, 28), (1.0001, 48), (4.0, 40)])
 def test_a_lambertian_base_under_a_surface(index: float, nodes: int) -> None:
     """Walsh's integral, known for paint and plastic, closes the sum of all bounces. Measured: 4e-15."""
     assert_close(walsh(1.5), [0.0917780, 0.5963458], rtol=0.0, atol=5e-8)
@@ -199,6 +199,29 @@ def test_brdf_surface_is_the_facets_alone() -> None:
     fade = np.exp(-0.5 / mu[:, None, None] - 0.5 / mu[:, None])[..., None, None]
     assert_close(fog.surface, fade * closed, rtol=0.0, atol=1e-14 * closed.max())
     assert (fog.mueller[..., 0, 0] > fog.surface[..., 0, 0]).all()
+
+
+@pytest.mark.parametrize("top", [(1.0, 1.5), (1.5, 1.0), (1.0, 1.5, 0.2)])
+def test_invariance_is_joined_with_a_surface(top: tuple[float, ...]) -> None:
+    """Light of a semi-infinite layer on either side of the surface is that by modes. Measured: 1e-13."""
+    scene = vrte.Scene([vrte.Interface(*top), vrte.Layer(SHORT, 0.95, np.inf)])
+    for side in ("above", "below"):
+        found, expected = (
+            vrte.radiance(
+                scene,
+                0.6,
+                mu=[-0.9, -0.3, 0.2, 0.8],
+                phi=ANGLES,
+                side=side,
+                nodes=10,
+                accuracy=1e-11,
+                algorithm=algorithm,
+            )
+            for algorithm in ("invariance", "modes")
+        )
+        assert found.diagnostics["orders_by"]["invariance"] > 1
+        assert_close(found.stokes, expected.stokes, rtol=0.0, atol=1e-11 * np.abs(expected.stokes).max())
+        assert_close(found.flux_up, expected.flux_up, rtol=1e-13, atol=0.0)
 
 
 def test_light_on_either_side_where_nothing_scatters() -> None:

@@ -16,9 +16,10 @@ from vrte.basics.arrays import Array, IntArray
 from vrte.basics.errors import AccuracyError
 from vrte.basics.quadrature import make_double_gauss
 from vrte.basics.running import Run
-from vrte.discrete_ordinates.orders.boundary import OPEN
+from vrte.discrete_ordinates.orders.boundary import OPEN, Top
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.fused_modes import STAGES, complain_of_order, solve_by_modes, solve_by_stages
+from vrte.discrete_ordinates.orders.invariance import reflect_semi_infinite
 from vrte.discrete_ordinates.orders.modes import Modes
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.routes import make_route
@@ -26,7 +27,7 @@ from vrte.discrete_ordinates.orders.single_interface import SingleInterface
 from vrte.discrete_ordinates.orders.slab_response import respond
 from vrte.scene.boundary import BLACK, Boundary
 
-from .helpers import assert_close
+from .helpers import assert_close, close_to
 
 HAZE = vrte.Layer(vrte.henyey_greenstein(0.6, 24), 0.95, 0.7)
 AIR = vrte.Layer(vrte.rayleigh(), 1.0, 0.4)
@@ -80,6 +81,26 @@ def test_a_run_that_is_stopped_gives_up_and_what_fails_is_named() -> None:
         complain_of_order(orders, np.array([[0, 0], [1, 1]], np.int32))
     with pytest.raises(AccuracyError, match="boundary system of order 3 is singular"):
         complain_of_order(orders, np.array([[3, 0], [0, 0]], np.int32))
+
+
+def test_a_surface_that_cannot_be_joined_is_named() -> None:
+    """On one node: a surface that sends back the inverse of what the layer reflects, to the last bits."""
+    layer, node = vrte.Layer(vrte.isotropic(), 0.9, np.inf), np.array([0.5])
+    problem = discretise_scene(vrte.Scene([layer]), node, np.ones((1, 4)), node, np.zeros(1), 1)
+    problem, order = problem.select_stokes((0,), np.ones((1, 1))), np.zeros(1, np.int32)
+
+    def reflect(top: Top) -> float:
+        light = reflect_semi_infinite(problem, order, 1e-14, Run(1), top).on_nodes
+        return float(light[0, 0, 0]) * np.sqrt(2.0)  # the beam as light on the node
+
+    def under(back: float) -> Top:
+        return Top(order, np.full((1, 1, 1, 1), back), OPEN.sent)
+
+    alone = reflect(OPEN)
+    assert reflect(under(0.5)) == close_to(alone / (1.0 - 0.5 * alone), rtol=1e-14, atol=0.0)
+    inverses = [under((1.0 + bits * 2.0**-52) / alone) for bits in range(-20, 21)]
+    with pytest.raises(AccuracyError, match="boundary system of order 0 is singular"):
+        [*map(reflect, inverses)]
 
 
 def make_graded(n: int) -> Array:

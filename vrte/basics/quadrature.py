@@ -216,10 +216,13 @@ class RefractedNodes:
         return cosines, self.measure[here] / (index * index * cosines)
 
 
-def count_panel_nodes(indices: Iterable[float], nodes: int) -> list[int]:
-    """How many of the nodes of the densest medium each panel of `make_refracted_nodes` has, from the lowest index."""
+def count_panel_nodes(indices: Iterable[float], nodes: int, layers: Collection[float] | None = None) -> list[int]:
+    """How many of the nodes of the densest medium each panel of `make_refracted_nodes` has, from the lowest index: that
+    one has fewer where no ``layers`` lie in its medium, since the next medium mirrors its own horizon."""
     edges = sorted(set(indices))
     shares = [1.0, *(math.sqrt((high - low) * (high + low)) / high for low, high in itertools.pairwise(edges))]
+    if len(edges) > 1 and layers is not None and edges[0] not in layers:
+        shares[0] = max(1.0 - shares[1], 0.9 * shares[1])
     fewest = max(2, nodes // 6)
     counts = [max(fewest, round(nodes * share / sum(shares))) for share in shares]
     counts[0] = max(fewest, nodes - sum(counts[1:]))
@@ -237,7 +240,7 @@ def make_refracted_nodes(
     ``grading`` is for panels that end at the horizon of ``layers``, the indices of media that scatter (None: all).
     """
     indices = list(indices)
-    edges, counts = sorted(set(indices)), count_panel_nodes(indices, nodes)
+    edges, counts = sorted(set(indices)), count_panel_nodes(indices, nodes, layers)
     rows, panels, first = [], [], 0
     parts = zip([(0.0, edges[0]), *itertools.pairwise(edges)], [*edges[1:], math.inf], counts, strict=True)
     for (low, high), above, count in reversed(list(parts)):

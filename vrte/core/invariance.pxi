@@ -5,7 +5,7 @@
 # V. A fixed point of it gains a factor of about q of `order_bounds` a step.
 
 cdef Job reflect_semi_infinite_job(Arrays* t) noexcept nogil:
-    return Job(t.n_order, invariance_doubles(t), 0)
+    return Job(t.n_order, invariance_doubles(t) + (2 * t.n + t.stokes * t.n_off) * <size_t>t.n_rhs, t.n)
 
 
 cdef size_t invariance_doubles(const Arrays* t) noexcept nogil:
@@ -241,8 +241,7 @@ cdef int reflect_semi_infinite_one(const void* task, int item, Workspace desk) n
     cdef Invariant s
     cdef int kind
     cdef double sign
-    cdef doubles new
-    solve_invariance(t, item, desk, &s)
+    cdef doubles new, memory = solve_invariance(t, item, desk, &s)
     t.residual[item] = s.residual
     # from off the nodes to off the nodes, less what is scattered once
     new = s.room
@@ -256,6 +255,36 @@ cdef int reflect_semi_infinite_one(const void* task, int item, Workspace desk) n
     divide_by_rates(s.x.p, t.n_off, s.off, t.n_off, s.off, new)
     light_of_beams(t, &s, new, s.Ru, t.up + <size_t>item * t.n_rhs * t.n_out_rows,
               t.on_nodes + <size_t>item * t.n_rhs * s.n)
+    if t.top_row == NULL or t.top_row[item] < 0:
+        return 0
+    return join_top(t, item, &s, memory, desk.pivots)
+
+
+cdef int join_top(const Arrays* t, int item, const Invariant* s, doubles down, ints pivots) noexcept nogil:
+    """Adds to `up` and `on_nodes` what comes back of light that the interface above sends down; down: room for it, for
+    as much again, and for what goes off the nodes."""
+    cdef int n = s.n, u = s.u, k, i, a, info
+    cdef size_t nr = <size_t>n * t.n_rhs, rows = <size_t>t.stokes * t.n_out
+    cdef doubles up = t.up + item * t.n_rhs * rows, on_nodes = t.on_nodes + item * nr
+    cdef doubles spare = down + nr, leaving = spare + nr
+    cdef double missing = 0.0
+    set_zero(nr, down)
+    if t.n_sent > 0:                    # beams end at the interface
+        copy(nr, t.sent + item * nr, down)
+        set_zero(nr, on_nodes)
+        set_zero(t.n_rhs * rows, up)
+    info = send_back(t, t.top + t.top_row[item] * <size_t>n * t.block, s.R, on_nodes, down, pivots, s.room, spare,
+                     &missing)
+    if info != 0:
+        return info
+    t.residual[item] = max(t.residual[item], missing)
+    multiply(n, t.n_rhs, n, 1.0, s.R, down, 1.0, on_nodes)
+    multiply(u, t.n_rhs, n, 1.0, s.Ru, down, 0.0, leaving)
+    for k in range(t.n_rhs):
+        for i in range(t.n_out):
+            for a in range(t.stokes):
+                up[k * rows + i * t.stokes + a] += (leaving[<size_t>k * u + t.stokes * t.out_places[i] + a]
+                                                   / s.off[t.out_places[i]])
     return 0
 
 

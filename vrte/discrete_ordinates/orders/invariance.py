@@ -7,7 +7,9 @@ import numpy as np
 
 from vrte import _core
 from vrte.basics.arrays import Array, IntArray
+from vrte.basics.errors import AccuracyError
 from vrte.basics.running import Run
+from vrte.discrete_ordinates.orders.boundary import OPEN, Top
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.solved import Orders
 from vrte.scene.boundary import Boundary
@@ -17,8 +19,8 @@ TIGHTER = 0.5  # iterations stop at this fraction of the requested accuracy
 
 @dataclass(frozen=True, eq=False)
 class Reflected:
-    """kernels (order, 1, n_in, n_col, n_out, S), public frame; on_nodes (order, n_in n_col, n); residual, steps
-    (order,)."""
+    """kernels (order, 1, n_in, n_col, n_out, S), public frame; on_nodes (order, n_in n_col, n), light that comes up to
+    the top; residual, steps (order,)."""
 
     kernels: Array
     on_nodes: Array
@@ -26,12 +28,16 @@ class Reflected:
     steps: IntArray
 
 
-def reflect_semi_infinite(problem: Problem, orders: IntArray, tolerance: float, run: Run) -> Reflected:
-    """What the first layer of a problem, taken as semi-infinite, sends back in each order."""
+def reflect_semi_infinite(problem: Problem, orders: IntArray, tolerance: float, run: Run, top: Top = OPEN) -> Reflected:
+    """What the first layer of a problem, taken as semi-infinite, sends back in each order, up to ``top``. Raises
+    AccuracyError where it cannot be joined with that."""
     n_out, n_in, n_col = problem.mu_out.size, problem.mu0.size, problem.columns.shape[0]
     with run.timed("invariance") as crew:
-        asked = list_arguments(problem, orders, tolerance)
+        asked = list_arguments(problem, orders, tolerance) | top.arguments_of(orders)
         found = run.kernels.reflect_semi_infinite(crew, columns=problem.columns, **asked)
+    info = found.pop("info")
+    if info.any():
+        raise AccuracyError(f"the boundary system of order {orders[np.argmax(info != 0)]} is singular")
     kernels = found.pop("up").reshape(orders.size, 1, n_in, n_col, n_out, len(problem.stokes))
     kernels[..., : problem.n_up, :] *= problem.flip / (2.0 * np.pi)
     kernels[..., problem.n_up :, :] = 0.0  # nothing comes down upon the top
@@ -71,6 +77,18 @@ def find_allowed_residuals(accuracy: float) -> dict[str, float]:
     return {"residual_of_invariance": max(1e-9, 2.0 * TIGHTER * accuracy)}
 
 
+def solve_by_invariance(
+    problem: Problem, orders: IntArray, tolerance: float, run: Run, top: Top = OPEN
+) -> tuple[Orders, Array]:
+    """The given orders at the top of a semi-infinite layer, and the light on the nodes that comes up to ``top``,
+    (order, n_rhs, n)."""
+    found = reflect_semi_infinite(problem, orders, tolerance, run, top)
+    up = find_flux_up(problem, found.on_nodes[0])
+    up = np.broadcast_to(up, (problem.level.size, *up.shape[1:]))
+    kernels = np.broadcast_to(found.kernels, (orders.size, problem.level.size, *found.kernels.shape[2:]))
+    return Orders(kernels, up, np.zeros_like(up), {"residual_of_invariance": found.residual}), found.on_nodes
+
+
 class Invariance:
     """Fixed points of the invariance equation: the top of a semi-infinite layer alone."""
 
@@ -86,11 +104,7 @@ class Invariance:
 
     def solve(self, orders: IntArray, run: Run) -> Orders:
         """The given orders."""
-        found = reflect_semi_infinite(self.problem, orders, self.tolerance, run)
-        up = find_flux_up(self.problem, found.on_nodes[0])
-        up = np.broadcast_to(up, (self.problem.level.size, *up.shape[1:]))
-        kernels = np.broadcast_to(found.kernels, (orders.size, self.problem.level.size, *found.kernels.shape[2:]))
-        return Orders(kernels, up, np.zeros_like(up), {"residual_of_invariance": found.residual})
+        return solve_by_invariance(self.problem, orders, self.tolerance, run)[0]
 
     @staticmethod
     def count_doubles(problem: Problem) -> tuple[float, float]:

@@ -56,8 +56,8 @@ OTHER = {way.name: way.other for way in WAYS}
 def make_route(name: str, problem: Problem, base: Boundary, n_order: int, accuracy: float) -> Route:
     """The named way through a problem, in one medium or in several."""
     if problem.media is not None:
-        if name == "modes" and is_under_one_surface(problem.media):
-            return make_single_interface(problem, base, n_order, accuracy, is_quick(problem, accuracy))
+        if name in ("modes", "invariance") and is_under_one_surface(problem.media):
+            return make_single_interface(name, problem, base, n_order, accuracy)
         slabs = partial(respond, name, quick=is_quick(problem, accuracy))
         return Refracting(slabs, problem, base, n_order, accuracy)
     return ROUTES[name](problem, base, n_order, accuracy)

@@ -1,8 +1,7 @@
-"""A stack under one surface by its modes: the surface is a boundary condition at the top, and nothing else."""
+"""A stack under one surface, by its modes or by invariance: the surface is a boundary condition at the top."""
 
 from abc import ABC, abstractmethod
 from dataclasses import replace
-from typing import ClassVar
 
 import numpy as np
 
@@ -13,8 +12,9 @@ from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.beam_paths import expand_lossless_base
 from vrte.discrete_ordinates.orders.boundary import OPEN, Top
 from vrte.discrete_ordinates.orders.fused_modes import Part, run_fused_modes, solve_by_modes, spread_over_scenes
+from vrte.discrete_ordinates.orders.invariance import TIGHTER, find_allowed_residuals, solve_by_invariance
 from vrte.discrete_ordinates.orders.media import Media, list_sights
-from vrte.discrete_ordinates.orders.modes import Modes
+from vrte.discrete_ordinates.orders.modes import Modes, is_quick
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.rough import TopOrders, expand_top
 from vrte.discrete_ordinates.orders.solved import Orders
@@ -52,13 +52,13 @@ def replace_dark(cosines: Array) -> Array:
 
 
 class SingleInterface(ABC):
-    """Modes of layers under one interface, which is a boundary condition at their top."""
+    """Layers under one interface, which is a boundary condition at their top."""
 
-    allowed: ClassVar = {"residual_of_modes": 1e-9, "residual_of_boundary": 1e-9}
-
-    def __init__(self, problem: Problem, base: Boundary, n_order: int, accuracy: float, quick: bool) -> None:
+    def __init__(self, name: str, problem: Problem, base: Boundary, n_order: int, accuracy: float) -> None:
         assert problem.media is not None
-        self.problem, self.media, self.quick = problem, problem.media, quick
+        self.problem, self.media, self.quick = problem, problem.media, is_quick(problem, accuracy)
+        self.tolerance = TIGHTER * accuracy if name == "invariance" else None
+        self.allowed = Modes.allowed if self.tolerance is None else find_allowed_residuals(accuracy)
         self.sights = list_sights(self.media, problem.mu_out)
         self.seen = replace_dark(self.sights.cosines)
         self.within = find_depths_within(self.media)
@@ -73,7 +73,10 @@ class SingleInterface(ABC):
 
     def solve(self, orders: IntArray, run: Run) -> Orders:
         """The given orders."""
-        inside, rising = solve_by_modes(self.inside, orders, self.base, self.quick, run, self.top)
+        if self.tolerance is None:
+            inside, rising = solve_by_modes(self.inside, orders, self.base, self.quick, run, self.top)
+        else:
+            inside, rising = solve_by_invariance(self.inside, orders, self.tolerance, run, self.top)
         up, down = self.find_fluxes(np.stack([inside.flux_up, inside.flux_down]), orders, rising)
         return Orders(self.see(inside.kernels, orders, rising), up, down, inside.residuals)
 
@@ -256,10 +259,10 @@ class UnderRough(SingleInterface):
 
 
 def make_single_interface(
-    problem: Problem, base: Boundary, n_order: int, accuracy: float, quick: bool
+    name: str, problem: Problem, base: Boundary, n_order: int, accuracy: float
 ) -> SingleInterface:
-    """The way through layers under one interface."""
+    """The way through layers under one interface, by "modes" or by "invariance"."""
     assert problem.media is not None
     top = problem.media.scene.interfaces[0]
     kind = UnderSmooth if top is not None and top.is_smooth else UnderRough
-    return kind(problem, base, n_order, accuracy, quick)
+    return kind(name, problem, base, n_order, accuracy)

@@ -9,6 +9,7 @@ import numpy as np
 from vrte.basics import cost
 from vrte.basics.arrays import Array, BoolArray, IntArray
 from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.orders.single_interface import is_under_one_surface
 from vrte.discrete_ordinates.orders.slabs import list_slabs
 from vrte.discrete_ordinates.orders.tanh_poles import FINEST as FINEST_MOMENTS
 from vrte.discrete_ordinates.orders.tanh_poles import STEEPEST, STEEPEST_INSIDE, find_depths, find_steepest, place_poles
@@ -50,7 +51,7 @@ def choose_algorithms(
         return choose_products(algorithm, problem, strength, accuracy)
     every = slice(0, strength.size)
     if algorithm == "invariance" and not is_top_only(problem):
-        reason = "invariance was asked for, and is for the top of what has no end to these orders, under no surface"
+        reason = "invariance was asked for, and is for the top of one layer that has no end to these orders"
         return [(every, Choice("modes", reason))]
     if algorithm == "invariance":
         first = int(np.count_nonzero(strength > STRONGEST))
@@ -102,7 +103,7 @@ def split_at_scatterings(
 def choose_products(algorithm: str, problem: Problem, strength: Array, accuracy: float) -> list[tuple[slice, Choice]]:
     """The same without modes: products and inverses alone."""
     first = strength.size
-    if algorithm in ("auto", "invariance") and is_top_only(problem) and accuracy >= FINEST:
+    if algorithm in ("auto", "invariance") and problem.media is None and is_top_only(problem) and accuracy >= FINEST:
         first = int(np.count_nonzero(strength > STRONGEST))
     reason = "asked for" if algorithm == "doubling" else "auto: no eigensolver here"
     parts = [(slice(0, first), Choice("doubling", reason))] if first else []
@@ -173,9 +174,9 @@ def find_scenes_for_modes(
 
 
 def is_top_only(problem: Problem) -> bool:
-    """Whether nothing but the light reflected by one semi-infinite layer is asked for, and no surface sends it back."""
+    """Whether nothing but the light reflected by one semi-infinite layer is asked for, under one surface at most."""
     endless = problem.albedo.size == 1 and math.isinf(problem.thickness[0])
-    return endless and not problem.level.any() and problem.media is None
+    return endless and not problem.level.any() and (problem.media is None or is_under_one_surface(problem.media))
 
 
 def count_operations_of_modes(problem: Problem) -> float:

@@ -30,6 +30,7 @@ FIRST = 0.75  # first count over the estimate: the trend from two differences th
 GRADED_TERMS = 1.2  # terms that a node with grading 2 carries, at most
 DOUBLING = 1.6  # cube root of the time of doubling over that of modes
 MOST_GRADED = 64  # largest number of nodes with grading 2: their lowest cosine is 3e-8
+MIRRORING = 1.1  # least ratio of refractive indices at which total reflection makes light near the horizon smooth
 OF_NODES = np.array([LOWEST, 0.1, 0.35, 0.7, 1.0])  # |mu| compared where light along the nodes is requested
 
 
@@ -78,12 +79,18 @@ def choose_first_nodes(request: Request) -> NodeChoice:
 
 def find_next_count(scene: Scene, nodes: int) -> int | None:
     """The next count of the series with more nodes in every medium's panel of directions; None beyond MOST."""
-    now = count_panel_nodes(scene.media, nodes)
+    now = count_panel_nodes(scene.media, nodes, scene.indices)
     for count in SERIES:
-        panels = count_panel_nodes(scene.media, count)
+        panels = count_panel_nodes(scene.media, count, scene.indices)
         if all(more > few for more, few in zip(panels, now, strict=True)):
             return count
     return None
+
+
+def has_mirrored_horizon(scene: Scene) -> bool:
+    """Whether every layer's light is reflected totally near its horizon, since the rarest medium has none: light that
+    goes up and light that goes down are then one smooth function of the cosine."""
+    return min(scene.media) * MIRRORING <= min(scene.indices)
 
 
 def find_scattering_thickness(scene: Scene) -> dict[float, float]:
@@ -125,7 +132,7 @@ def find_fewest_nodes(errors: Array, aim: float) -> int:
 def estimate_graded_errors(scene: Scene, tau: Array, cut: Array) -> Array:
     """Relative, of FEWEST to MOST nodes with grading 2; ``cut``: by terms that they do not carry."""
     nodes = count_nodes_of_horizon(scene, COUNTS)
-    error = 0.1 * np.exp(-1.2 * nodes) + cut
+    error = 0.1 * np.exp((-0.8 if has_mirrored_horizon(scene) else -1.2) * nodes) + cut
     error = np.maximum(error, estimate_unseen_share(scene, COUNTS, 2))
     for length in list_short_ways(scene, tau):
         error = np.maximum(error, min(length, 1.0) * np.exp(-1.55 * length**0.25 * nodes))
@@ -136,7 +143,9 @@ def estimate_errors(scene: Scene, mu0: Array, mu: Array, tau: Array, cut: Array)
     """Relative, of FEWEST to MOST nodes; ``cut``: by terms that they do not carry."""
     nodes = count_nodes_of_horizon(scene, COUNTS)
     lowest = max(LOWEST, min(float(mu0.min()), float(np.abs(mu).min())))
-    error = np.maximum(estimate_grazing_error(nodes, lowest) + cut, estimate_unseen_share(scene, COUNTS, 1))
+    smooth = has_mirrored_horizon(scene)
+    error = 0.1 * np.exp(-1.2 * nodes) if smooth else estimate_grazing_error(nodes, lowest)
+    error = np.maximum(error + cut, estimate_unseen_share(scene, COUNTS, 1))
     for length in list_short_ways(scene, tau):
         error = np.maximum(error, estimate_thin_error(nodes, length, lowest))
     return error
@@ -199,7 +208,10 @@ def find_strongest_terms(coefficients: Array, albedo: Array) -> Array:
 
 
 def list_short_ways(scene: Scene, tau: Array) -> list[float]:
-    """Short optical ways: the thickness of all that scatters, the distance of depths from the nearer face."""
+    """Short optical ways: the thickness of all that scatters, the distance of depths from the nearer face; and of where
+    layers meet from the top, where nothing else makes light near the horizon uneven."""
     total = sum(find_scattering_thickness(scene).values())
     ways = [total, *np.minimum(tau, scene.thickness - tau).tolist()]
+    if has_mirrored_horizon(scene):
+        ways += np.cumsum([layer.thickness for layer in scene.layers[:-1]]).tolist()
     return sorted({way for way in ways if 0.0 < way < 10.0})
