@@ -92,7 +92,8 @@ def test_a_steady_fall_of_differences_is_believed_and_no_other() -> None:
     """The finest count is off by the trend in thick layers, under a smooth surface as well, alone: elsewhere two counts
     may agree by chance."""
     thick, thin = vrte.Scene([vrte.Layer(RAYLEIGH, 0.9, 1.0)]), vrte.Scene([vrte.Layer(RAYLEIGH, 0.9, 0.01)])
-    rough, smooth = (vrte.Scene([vrte.Interface(1.0, 1.5, roughness=r), *thick.layers]) for r in (0.3, 0.0))
+    deep = vrte.Layer(RAYLEIGH, 0.9, 5.0)
+    rough, smooth = (vrte.Scene([vrte.Interface(1.0, 1.5, roughness=r), deep]) for r in (0.3, 0.0))
     sea = vrte.Scene([*thick.layers, vrte.Interface(1.0, 1.34), *thick.layers])
     fall, rise = {8: 1e-3, 10: 1e-5}, {8: 1e-5, 10: 1e-3}
     assert estimate_error({}, thick) == np.inf

@@ -5,7 +5,8 @@
 # V. A fixed point of it gains a factor of about q of `order_bounds` a step.
 
 cdef Job reflect_semi_infinite_job(Arrays* t) noexcept nogil:
-    return Job(t.n_order, invariance_doubles(t) + (2 * t.n + t.stokes * t.n_off) * <size_t>t.n_rhs, t.n)
+    return Job(t.n_order, invariance_doubles(t) + stack_doubles(t.n, t.n_rhs)
+               + (2 * t.n + t.stokes * t.n_off) * <size_t>t.n_rhs, t.n)
 
 
 cdef size_t invariance_doubles(const Arrays* t) noexcept nogil:
@@ -260,31 +261,36 @@ cdef int reflect_semi_infinite_one(const void* task, int item, Workspace desk) n
     return join_top(t, item, &s, memory, desk.pivots)
 
 
-cdef int join_top(const Arrays* t, int item, const Invariant* s, doubles down, ints pivots) noexcept nogil:
-    """Adds to `up` and `on_nodes` what comes back of light that the interface above sends down; down: room for it, for
-    as much again, and for what goes off the nodes."""
-    cdef int n = s.n, u = s.u, k, i, a, info
-    cdef size_t nr = <size_t>n * t.n_rhs, rows = <size_t>t.stokes * t.n_out
-    cdef doubles up = t.up + item * t.n_rhs * rows, on_nodes = t.on_nodes + item * nr
-    cdef doubles spare = down + nr, leaving = spare + nr
-    cdef double missing = 0.0
+cdef int join_top(const Arrays* t, int item, const Invariant* s, doubles memory, ints pivots) noexcept nogil:
+    """Puts the interface above on the layer: `on_nodes` becomes what comes up to it, and what it sends down again adds
+    to `up`."""
+    cdef int n = s.n, u = s.u, r = t.n_rhs, k, i, a, info
+    cdef size_t nr = <size_t>n * r, rows = <size_t>t.stokes * t.n_out, each
+    cdef doubles up = t.up + item * r * rows, on_nodes = t.on_nodes + item * nr
+    cdef doubles down = memory + stack_doubles(n, r), g = down + nr, leaving = g + nr
+    cdef Stack stack = stack_at(n, r, memory, pivots, True)
+    cdef Element one = Element(n, t.block, NULL, t.top + t.top_row[item] * <size_t>n * t.block, NULL, NULL)
+    cdef given sent = NULL
+    copy(<size_t>n * n, s.R, stack.below)
+    stack.dark = False
     set_zero(nr, down)
     if t.n_sent > 0:                    # beams end at the interface
-        copy(nr, t.sent + item * nr, down)
+        sent = t.sent + item * nr
+        copy(nr, sent, down)
         set_zero(nr, on_nodes)
-        set_zero(t.n_rhs * rows, up)
-    info = send_back(t, t.top + t.top_row[item] * <size_t>n * t.block, s.R, on_nodes, down, pivots, s.room, spare,
-                     &missing)
+        set_zero(r * rows, up)
+    info = add(&stack, &one, sent, on_nodes, on_nodes, on_nodes, NULL, g)
     if info != 0:
         return info
-    t.residual[item] = max(t.residual[item], missing)
-    multiply(n, t.n_rhs, n, 1.0, s.R, down, 1.0, on_nodes)
-    multiply(u, t.n_rhs, n, 1.0, s.Ru, down, 0.0, leaving)
-    for k in range(t.n_rhs):
+    t.residual[item] = max(t.residual[item], stack.missing)
+    copy(nr, g, on_nodes)
+    share(&one, one.below, r, g, n, down, n)
+    multiply(u, r, n, 1.0, s.Ru, down, 0.0, leaving)
+    for k in range(r):
         for i in range(t.n_out):
+            each = <size_t>k * u + t.stokes * t.out_places[i]
             for a in range(t.stokes):
-                up[k * rows + i * t.stokes + a] += (leaving[<size_t>k * u + t.stokes * t.out_places[i] + a]
-                                                   / s.off[t.out_places[i]])
+                up[k * rows + i * t.stokes + a] += leaving[each + a] / s.off[t.out_places[i]]
     return 0
 
 

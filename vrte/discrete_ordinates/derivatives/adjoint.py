@@ -217,7 +217,7 @@ def collect_tables(plan: Plan, cotangent: Array, run: Run) -> tuple[list[Array],
     with PROCESSOR.at_work(), run.timed("derivatives"):
         for block in plan.blocks:
             orders = block.orders[block.orders < plan.orders]
-            if orders.size and block.choice.name == "invariance":
+            if orders.size and block.choice.name == "invariance" and block.problem.media is None:
                 orders = pull_block_by_invariance(plan, block, orders, target, cotangent, multiple[0], run)
             if not orders.size:
                 continue

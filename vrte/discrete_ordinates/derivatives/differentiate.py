@@ -246,7 +246,7 @@ def differentiate_block(
     orders that this does not verify, and through slabs all else."""
     carried, problem = find_carried(plan), block.problem
     own_run = choose_threads(run, problem, orders)
-    if block.choice.name == "invariance":
+    if block.choice.name == "invariance" and problem.media is None:
         scene, whole = plan.request.scene, plan.problem
         tables = [change_layer(whole, scene, 0, variation, carried).scattering for variation in variations]
         found = change_semi_infinite(problem, tables, orders, plan.accuracy, own_run)
