@@ -48,9 +48,9 @@ A_TERM = 45.0  # operations of the six series of single scattering, for a term
 RESPONSE = 100.0  # of a slab between interfaces, over the nodes' unknowns times those with beams and directions of view
 LOBES = 6e6  # operations for a direction and order of a rough interface
 
-# measured times over that of a layer's modes (docs/explanation/accuracy.md)
-JOINT = 0.2  # adding a slab at an interface
-DOUBLING_AT_ONCE, DOUBLING_SIZE = 0.1, 1500.0  # a doubling step, and the unknowns with which it takes twice as long
+# operations that take as long as what they stand for, over n^2 and unknowns on the nodes (docs/explanation/accuracy.md)
+DOUBLING_STEP, ADDING = 10.0, 9.0  # a doubling step, whose rows off the nodes take half the time; adding a slab
+OFF_SYMMETRIC, OFF_GENERAL = 2.5, 8.0  # a row off the nodes by modes: real ones, and where some are complex pairs
 WORTH_DOUBLING = 0.7  # doubling is taken below this predicted time over that of modes, known to about a third
 
 # sizes above which a measure pays that takes about a millisecond

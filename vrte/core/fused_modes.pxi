@@ -58,7 +58,7 @@ cdef int fused_modes_one(const void* task, int item, Workspace desk) noexcept no
             for layer in range(n_layer):
                 if t.twin[layer] < layer:
                     if stage == 2:
-                        copy_twin(t.twin[layer], layer, nr, n * rows, &p)
+                        copy_twin(t.twin[layer], layer, nr, &p)
                 elif stage == 0:
                     assemble_one(&p, layer, own)
                     if t.balanced and t.conserving and p.orders[0] == 0:
@@ -84,11 +84,9 @@ cdef int fused_modes_one(const void* task, int item, Workspace desk) noexcept no
     return 0
 
 
-cdef void copy_twin(int first, int layer, size_t nr, size_t room, const Arrays* p) noexcept nogil:
+cdef void copy_twin(int first, int layer, size_t nr, const Arrays* p) noexcept nogil:
     """What the stages before `boundary` found of a layer, for a later one that is made of the same."""
     cdef size_t n = p.n, nn = n * n
-    copy(room, p.G_E + first * room, p.G_E + layer * room)
-    copy(room, p.G_F + first * room, p.G_F + layer * room)
     copy(n, p.lam_re + first * n, p.lam_re + layer * n)
     copy(n, p.lam_im + first * n, p.lam_im + layer * n)
     copy(nn, p.X + first * nn, p.X + layer * nn)

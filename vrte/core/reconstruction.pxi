@@ -45,26 +45,36 @@ cdef struct Path:
 
 cdef int reconstruct_one(const void* task, int item, Workspace desk) noexcept nogil:
     cdef const Arrays* t = <const Arrays*>task
-    cdef int n = t.n, n_layer = t.n_layer, row = t.base_row[item], rows = t.stokes * t.n_out, layer
+    cdef int n = t.n, n_layer = t.n_layer, row = t.base_row[item], rows = t.stokes * t.n_out, layer, made
     cdef size_t nn = <size_t>n * n, nr = <size_t>n * t.n_rhs, room = <size_t>rows * n, size = <size_t>rows * t.n_rhs
     cdef size_t first = <size_t>item * n_layer
     cdef doubles g_e = desk.work, g_f = g_e + room * n_layer      # of each layer
     cdef doubles running = g_f + room * n_layer                   # the field that enters the present layer
     for layer in range(n_layer):
-        multiply(rows, n, n, 1.0, t.G_E + (first + layer) * room, t.X + (first + layer) * nn, 0.0, g_e + layer * room)
-        multiply(rows, n, n, 1.0, t.G_F + (first + layer) * room, t.Y + (first + layer) * nn, 0.0, g_f + layer * room)
+        if made_of(t, layer) == layer:
+            multiply(rows, n, n, 1.0, t.G_E + (first + layer) * room, t.X + (first + layer) * nn, 0.0,
+                     g_e + layer * room)
+            multiply(rows, n, n, 1.0, t.G_F + (first + layer) * room, t.Y + (first + layer) * nn, 0.0,
+                     g_f + layer * room)
     # light going up: from the base through the layers
     set_zero(size, running)
     if row >= 0 and t.n_up > 0:
         product(b"N", b"N", t.stokes * t.n_up, t.n_rhs, n, 1.0, t.base_out + row * room, rows, t.base_down + item * nr,
                 n, 0.0, running, rows)
     for layer in range(n_layer - 1, -1, -1):
-        through_levels(t, item, layer, True, g_e + layer * room, g_f + layer * room, running)
+        made = made_of(t, layer)
+        through_levels(t, item, layer, True, g_e + made * room, g_f + made * room, running)
     # light going down: from the top through the layers
     set_zero(size, running)
     for layer in range(n_layer):
-        through_levels(t, item, layer, False, g_e + layer * room, g_f + layer * room, running)
+        made = made_of(t, layer)
+        through_levels(t, item, layer, False, g_e + made * room, g_f + made * room, running)
     return 0
+
+
+cdef inline int made_of(const Arrays* t, int layer) noexcept nogil:
+    """The first layer that is made of the same, where that is told."""
+    return layer if t.twin == NULL else t.twin[layer]
 
 
 cdef void through_levels(const Arrays* t, int item, int layer, bint upward, given g_e, given g_f,

@@ -88,8 +88,8 @@ def list_cuts(problem: Problem) -> list[list[float]]:
     return [sorted(each) for each in cuts]
 
 
-def list_slabs(problem: Problem) -> tuple[list[float], int]:
-    """Thickness of each distinct slab that `cut_layers` would find, and how many slabs there would be."""
+def list_slabs(problem: Problem) -> tuple[list[float], int, int]:
+    """Thickness of each distinct slab that `cut_layers` would find, how many slabs there would be, and materials."""
     kinds = find_materials(problem)[1].tolist()
     every = [
         (kind, bottom - top)
@@ -97,7 +97,7 @@ def list_slabs(problem: Problem) -> tuple[list[float], int]:
         for top, bottom in itertools.pairwise(cuts)
     ]
     distinct = dict.fromkeys(every) if problem.skip_flags.repeats else every
-    return [thickness for _, thickness in distinct], len(every)
+    return [thickness for _, thickness in distinct], len(every), len(set(kinds))
 
 
 def find_materials(problem: Problem) -> tuple[list[int], IntArray]:

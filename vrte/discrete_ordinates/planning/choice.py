@@ -114,13 +114,14 @@ def choose_products(algorithm: str, problem: Problem, strength: Array, accuracy:
 
 
 class DoublingSteps(NamedTuple):
-    """What doubling would take of a scene: ``steps`` in all distinct slabs, and ``slabs`` that are joined; thin: where
-    modes lose digits; thick: whether one layer is so thick that nobody needs to count."""
+    """What doubling would take of a scene: ``steps`` in all distinct slabs, and ``slabs`` that are added, made of so
+    many ``materials``; thin: where modes lose digits; thick: whether one layer is so thick that nobody needs to count."""
 
     thin: bool
     thick: bool
     steps: float
     slabs: int
+    materials: int
 
 
 def count_all_doubling_steps(problem: Problem) -> list[DoublingSteps]:
@@ -130,18 +131,19 @@ def count_all_doubling_steps(problem: Problem) -> list[DoublingSteps]:
     thickness, albedo = problem.thickness.tolist(), problem.albedo.tolist()
     for index in range(problem.scenes):
         first = index * layers
-        distinct, slabs = thickness[first : first + layers], 1
+        distinct, slabs, materials = thickness[first : first + layers], 1, 1
         thin = sum([t for t, a in zip(distinct, albedo[first : first + layers], strict=True) if a > 0.0]) < THIN
         thick = layers == 1 and distinct[0] > many
         if layers > 1 or inside or not distinct[0]:  # else one slab
-            distinct, slabs = list_slabs(problem.select_scene(index))
-        found.append(DoublingSteps(thin, thick, sum([count_doubling_steps(each, lowest) for each in distinct]), slabs))
+            distinct, slabs, materials = list_slabs(problem.select_scene(index))
+        steps = sum([count_doubling_steps(each, lowest) for each in distinct])
+        found.append(DoublingSteps(thin, thick, steps, slabs, materials))
     return found
 
 
 def compare_with_doubling(problem: Problem, doubling: DoublingSteps) -> tuple[bool, float]:
     """Whether doubling is taken in the place of modes, and its predicted time over theirs."""
-    ratio = predict_doubling_time(doubling.steps, problem.size, doubling.slabs) / problem.layers
+    ratio = predict_doubling_time(problem, doubling)
     return doubling.thin or (not doubling.thick and ratio < cost.WORTH_DOUBLING), ratio
 
 
@@ -244,7 +246,12 @@ def count_doubling_steps(thickness: float, lowest: float) -> float:
     return cost.STEPS_ENDLESS if math.isinf(thickness) else max(math.ceil(math.log2(thickness / lowest)), 0) + 2.0
 
 
-def predict_doubling_time(steps: float, size: int, slabs: int) -> float:
-    """Predicted time of an order, in units of one layer's modes: of so many ``steps`` in all distinct slabs, with
-    ``size`` unknowns, and ``slabs`` that are joined."""
-    return steps * (cost.DOUBLING_AT_ONCE + size / cost.DOUBLING_SIZE) + cost.JOINT * slabs
+def predict_doubling_time(problem: Problem, doubling: DoublingSteps) -> float:
+    """Predicted time of an order by doubling over that by modes, from operations over n^2."""
+    n, off = float(problem.size), float(problem.rows_out)
+    solving, leaving = (
+        (cost.MODES_SYMMETRIC, cost.OFF_SYMMETRIC) if problem.is_symmetric else (cost.MODES_GENERAL, cost.OFF_GENERAL)
+    )
+    modes = doubling.materials * solving * n + problem.layers * (cost.BOUNDARY * n + leaving * off)
+    doubled = cost.DOUBLING_STEP * doubling.steps * (n + problem.n_rhs + 0.5 * off) + cost.ADDING * doubling.slabs * n
+    return doubled / modes
