@@ -114,8 +114,8 @@ def choose_products(algorithm: str, problem: Problem, strength: Array, accuracy:
 
 
 class DoublingSteps(NamedTuple):
-    """What doubling would take of a scene: ``steps`` in all distinct slabs, and ``slabs`` that are added, made of so
-    many ``materials``; thin: where modes lose digits; thick: whether one layer is so thick that nobody needs to count."""
+    """What doubling would take of a scene: ``steps`` in all distinct slabs, and ``slabs`` that are added, of so many
+    ``materials``; thin: where modes lose digits; thick: whether one layer is so thick that nobody needs to count."""
 
     thin: bool
     thick: bool
