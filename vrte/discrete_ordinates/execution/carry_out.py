@@ -91,7 +91,8 @@ class Task:
                 known = self.found.get(order)
                 self.found[order] = largest if known is None else np.maximum(known, largest)
         if orders[0] == 0 and block.stokes[0] == 0:
-            self.flux[..., list(block.columns)] += answer.flux
+            for k, column in enumerate(block.columns):
+                self.flux[..., column] += answer.flux[..., k]
             if answer.brightest is not None:
                 self.brightest = np.maximum(self.brightest, answer.brightest)
         self.unknowns += len(orders) * block.problem.size

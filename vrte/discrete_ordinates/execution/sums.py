@@ -15,6 +15,7 @@ from vrte.basics import cost
 from vrte.basics.arrays import Array, BoolArray, IntArray, replace_unchecked
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.execution.through_interfaces import list_vertices, show_vertices
+from vrte.discrete_ordinates.orders.discretise import sort_up_first
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.single_scattering import add_base_reflected, find_scatterers, scatter_by_orders
 from vrte.discrete_ordinates.orders.small_angle import Anisotropic
@@ -184,8 +185,7 @@ def split_evenly(first: int, last: int, parts: int) -> Iterator[tuple[int, int]]
 def make_parts(target: Target) -> list[Part]:
     """Zeros; the problem has light going up first, in the order of the request otherwise."""
     mu, wanted, count = target.mu, target.wanted, target.problem.scenes
-    row = np.empty(mu.size, np.int32)
-    row[np.argsort(mu < 0.0, kind="stable")] = np.arange(mu.size, dtype=np.int32)
+    row = sort_up_first(mu.tobytes())[1]
     tail = target.azimuths.phi.size, 4, int(wanted.place.max()) + 1
     before = np.arange(count, dtype=np.int32)[:, None] * target.problem.level_layer.size
     return [

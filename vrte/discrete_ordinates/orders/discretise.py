@@ -3,6 +3,7 @@
 import math
 import sys
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -88,6 +89,13 @@ def discretise_scenes(
         grading=grading,
         scenes=count,
     )
+
+
+@lru_cache(maxsize=32)
+def sort_up_first(mu: bytes) -> tuple[IntArray, IntArray]:
+    """The order of signed cosines, as they lie in memory, with light going up first, and the place of each in it."""
+    rank = np.argsort(np.frombuffer(mu) < 0.0, kind="stable").astype(np.int32)
+    return rank, np.argsort(rank).astype(np.int32)
 
 
 def find_layer_tops(thickness: Array) -> Array:

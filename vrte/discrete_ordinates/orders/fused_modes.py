@@ -56,46 +56,48 @@ def run_fused_modes(parts: Sequence[Part], quick: bool, run: Run, twin: IntArray
     several scenes the problems' layers and levels lie one behind the other; ``twin`` (layer,): of each layer of a scene
     the first that is made of the same."""
     team, begin = ThreadTeam(run.threads, np.zeros(run.threads), run.stop), time.perf_counter()
-    answers = _core.call_together("fused_modes", team, [gather_arguments(part, quick, twin) for part in parts])
-    busy = sum(answer["spent"].sum(axis=0) for answer in answers)
-    note_stages(run, time.perf_counter() - begin, busy.tolist())
-    found = []
+    answers = _core.call_together("fused_modes", team, gather_arguments(parts, quick, twin))
+    spent, missed, residual = (
+        np.concatenate([answer[name] for answer in answers], axis=axis)
+        for name, axis in (("spent", 0), ("missed", 0), ("residual", 1))
+    )
+    note_stages(run, time.perf_counter() - begin, spent.sum(axis=0).tolist())
+    worst, last, found = residual.max(axis=2), 0, []
+    if missed.any():
+        worst[:, missed[:, 0] != 0] = np.nan
     for part, answer in zip(parts, answers, strict=True):
-        own, missed, worst = part.problem, answer["missed"], answer["residual"].max(axis=2)
-        if missed.any():
-            worst[:, missed[:, 0] != 0] = np.nan
+        own, first, last = part.problem, last, last + part.orders.size
         beams, radiance, flux = (own.mu0.size, own.columns.shape[0]), answer["out"], answer["flux"]
         radiance = radiance.reshape(*radiance.shape[:2], *beams, own.mu_out.size, len(own.stokes))
         flux = flux.reshape(*flux.shape[:3], *beams)
-        found.append(FusedModes(radiance, flux, answer["rising"], worst, missed))
+        found.append(FusedModes(radiance, flux, answer["rising"], worst[:, first:last], missed[first:last]))
     return found
 
 
-def gather_arguments(part: Part, quick: bool, twin: IntArray) -> dict[str, Any]:
-    """What the core takes for a part."""
-    problem, base = part.problem, part.base
-    below = {} if base.is_black else {"base": base.matrix, "base_source": base.source, "base_out": base.out}
-    return {
-        "orders": part.orders,
-        "slab_stack": part.slab_stack,
+def gather_arguments(parts: Sequence[Part], quick: bool, twin: IntArray) -> list[dict[str, Any]]:
+    """What the core takes for each part."""
+    problem = parts[0].problem
+    shared = {
         "twin": twin,
         **problem.phase_arguments,
         "n_up": problem.n_up,
-        "columns": problem.columns,
-        "conserving": problem.conserves,
         "balanced": not problem.is_exact,
         "quick": quick,
         "clear": problem.skip_flags.clear,
         "clear_layers": problem.clear_layers,
         "thickness": problem.thickness,
         "above": problem.above,
-        "base_row": part.base_row,
-        **below,
-        **part.top.arguments_of(part.orders),
-        "flip": problem.flip,
         "level": problem.level,
         "level_layer": problem.level_layer,
     }
+    found = []
+    for part in parts:
+        own, base = part.problem, part.base
+        below = {} if base.is_black else {"base": base.matrix, "base_source": base.source, "base_out": base.out}
+        rows = {"orders": part.orders, "slab_stack": part.slab_stack, "base_row": part.base_row}
+        unknowns = {"members": own.members, "flip": own.flip, "columns": own.columns, "conserving": own.conserves}
+        found.append({**shared, **unknowns, **rows, **below, **part.top.arguments_of(part.orders)})
+    return found
 
 
 def find_twins(problem: Problem) -> IntArray:

@@ -44,7 +44,8 @@ def solve_together(
     """
     parts = []
     for problem, boundary, orders, wanted in asked:
-        base, numbers, slab_stack = expand_base(boundary, problem, int(orders[-1]) + 1, accuracy), orders, orders * 0
+        base = expand_base(boundary, problem, int(orders[-1]) + 1, accuracy)
+        numbers, slab_stack = orders, np.zeros_like(orders)
         if wanted is not None:
             row, scene = np.nonzero(wanted)
             numbers, slab_stack = orders[row], scene.astype(np.int32)

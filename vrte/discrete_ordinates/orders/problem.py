@@ -12,7 +12,6 @@ from vrte.discrete_ordinates.orders.media import Media
 from vrte.discrete_ordinates.orders.skip_flags import EVERYTHING, SkipFlags
 
 ALL = (0, 1, 2, 3)  # indices of I, Q, U, V
-OF_STOKES = ("phase_arguments", "is_symmetric")  # what is found of a problem and depends on them
 
 
 class PhaseArguments(TypedDict):
@@ -131,8 +130,7 @@ class Problem:
         """The problem of some Stokes parameters and the incident ``columns`` (n_col, S) of these."""
         found = object.__new__(Problem)
         vars(found).update(vars(self), stokes=stokes, columns=columns)
-        for name in OF_STOKES:
-            vars(found).pop(name, None)
+        vars(found).pop("phase_arguments", None)  # what is found of a problem and depends on them
         return found
 
     @property
@@ -165,7 +163,7 @@ class Problem:
         """Whether I alone is scattered."""
         return not self.coefficients[..., 1:].any()
 
-    @cached_property
+    @property
     def is_symmetric(self) -> bool:
         """Whether E and F are symmetric: U and V do not mix."""
         return not (2 in self.stokes and 3 in self.stokes and self.coefficients[..., 5].any())

@@ -4,7 +4,7 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -221,9 +221,15 @@ def find_lit_columns(
     return tuple([index for index, column in enumerate(lit) if not seen.isdisjoint(column)])
 
 
+@lru_cache(maxsize=256)
+def make_grid(rows: tuple[int, ...], columns: tuple[int, ...]) -> tuple[Any, ...]:
+    """Places of these rows and columns, as NumPy takes them."""
+    return np.ix_(rows, columns)
+
+
 def reduce_problem(problem: Problem, part: Part, columns: tuple[int, ...]) -> Problem:
     """The problem of the part's layers and Stokes parameters."""
-    incident: Array = problem.columns.take(columns, axis=0).take(part.stokes, axis=1)
+    incident: Array = problem.columns[make_grid(columns, part.stokes)]
     if part.layers == problem.layers and (part.has_end or np.isinf(problem.thickness[-1])):
         return problem.select_stokes(part.stokes, incident)
     thickness = problem.thickness[: part.layers]

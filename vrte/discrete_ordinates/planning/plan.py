@@ -12,7 +12,7 @@ from vrte.basics.arrays import Array, BoolArray, replace_unchecked
 from vrte.basics.quadrature import make_double_gauss
 from vrte.basics.running import Run
 from vrte.basics.views import view
-from vrte.discrete_ordinates.orders.discretise import discretise_scenes
+from vrte.discrete_ordinates.orders.discretise import discretise_scenes, sort_up_first
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.skip_flags import EVERYTHING, SkipFlags
 from vrte.discrete_ordinates.orders.truncating import (
@@ -344,10 +344,11 @@ def make_plan(
         request = split_incident_light(request)
     choice, accuracy = known or converge_on_nodes(request)
     nodes, grading = choice.nodes, choice.grading
-    points = make_double_gauss(nodes, grading)[0]
-    mu = np.concatenate([points, -points]) if request.mu is None else request.mu
-    scene = request.scene
-    rank = np.argsort(mu < 0.0, kind="stable")
+    scene, mu = request.scene, request.mu
+    if mu is None:
+        points = make_double_gauss(nodes, grading)[0]
+        mu = np.concatenate([points, -points])
+    rank = sort_up_first(mu.tobytes())[0]
     asked = request.mu0, request.columns, mu
     truncation = truncation or choose_truncation(request.truncation, scene, *asked, request.tau, nodes, accuracy)
     into = request.mu0, request.columns, mu[rank], request.tau[None], nodes
@@ -435,8 +436,9 @@ def look_at_orders(
 
 def is_worth_stages(problem: Problem, orders: int) -> bool:
     """Whether it pays to look again, between orders, at how many are left: a block more takes as long as small ones."""
-    unknowns = problem.nodes.size if problem.is_scalar else problem.size
-    return orders * float(unknowns) ** 3 > cost.WORTH_STAGES
+    if orders * float(problem.size) ** 3 <= cost.WORTH_STAGES:
+        return False
+    return not problem.is_scalar or orders * float(problem.nodes.size) ** 3 > cost.WORTH_STAGES
 
 
 def converge_on_nodes(request: Request) -> tuple[NodeChoice, float]:

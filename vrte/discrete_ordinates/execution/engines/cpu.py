@@ -364,8 +364,8 @@ def find_doubts(found: Orders, allowed: Mapping[str, float]) -> dict[int, str]:
                 doubts[index] = f"{name} {value:.2g}, allowed {allowed[name]:g}"
     finite = np.isfinite(found.kernels)
     if not finite.all():
-        for index in np.flatnonzero(~finite.all(axis=tuple(range(1, finite.ndim)))).tolist():
-            doubts[index] = "the answer is not finite"
+        wrong = np.flatnonzero(~finite.all(axis=tuple(range(1, finite.ndim)))).tolist()
+        doubts |= dict.fromkeys(wrong, "the answer is not finite")
     return doubts
 
 
