@@ -26,8 +26,8 @@ VRTE_INLINE void vrte_series(int terms, const double* table, const double* x, do
     }
 }
 
-/* F11 alone, of a phase matrix that has no other: 8 cosines at a time, whose functions stay in registers. */
-enum { VRTE_FEW = 8 };
+/* F11 alone, of a phase matrix that has no other: 16 cosines at a time, whose functions stay in registers. */
+enum { VRTE_FEW = 16 };
 VRTE_INLINE void vrte_scalar_series(int terms, const double* table, int count, const double* x, double* f) {
     for (int first = 0; first < count; first += VRTE_FEW) {
         double p[VRTE_FEW], p_old[VRTE_FEW], sum[VRTE_FEW];

@@ -242,10 +242,12 @@ class PhaseMatrix:
         # plain recurrences first; their rounding, of which `unsure` is several times the largest that was met, may hide
         # or feign a fault: there the ones that keep the digits decide
         a1, a4, b1, b2, plus, minus = _core.sum_elements(self.series, CHECK_COSINES)
-        elements = np.stack([a1, 0.5 * (plus + minus), 0.5 * (plus - minus), a4, b1, b2])
         total = float(np.abs(self.coefficients).sum())
         unsure = UNSURE * self.terms * total
         floor = -NEGATIVE_ALLOWED * np.abs(a1) - ROUNDING * total
+        if self.is_scalar and (0.25 * a1 >= floor + unsure).all():  # a quarter of F11 is the eigenvalue
+            return
+        elements = np.stack([a1, 0.5 * (plus + minus), 0.5 * (plus - minus), a4, b1, b2])
         doubtful = np.flatnonzero(find_lowest_coherency_eigenvalue(*elements) < floor + unsure)
         if not doubtful.size:
             return
