@@ -71,12 +71,12 @@ def test_each_is_as_by_itself_whatever_threads_and_batches(monkeypatch):
         assert np.array_equal(one.mueller, other.mueller)
 
 
-def test_the_last_scene_of_a_batch_may_be_alone(monkeypatch):
-    """In tables that are too large to be made in the caller's thread."""
+def test_the_last_scene_joins_the_batch_before(monkeypatch):
+    """Where it would be alone, in tables that are too large to be made in the caller's thread."""
     monkeypatch.setattr(brdfs, "BATCH_BYTES", 1.0)
     mu, scenes = np.linspace(0.05, 1.0, 40), [vrte.Scene([layer(albedo=albedo)]) for albedo in (0.5, 0.6, 0.7)]
     together = vrte.brdfs(scenes, mu, mu, PHI, **HOW)
-    assert [found.diagnostics["solved_together"] for found in together] == [2, 2, 1]
+    assert [found.diagnostics["solved_together"] for found in together] == [3, 3, 3]
     for scene, found in zip(scenes, together, strict=True):
         assert_same(found, vrte.brdf(scene, mu, mu, PHI, **HOW))
 
@@ -99,6 +99,19 @@ def test_films_under_a_smooth_surface_are_solved_together(base):
             for name in ("stokes", "flux_up", "flux_down", "direct_up"):
                 assert_close(getattr(found, name), getattr(alone, name), rtol=1e-14, atol=1e-16)
             assert found.diagnostics["solved_together"] > 1
+
+
+@pytest.mark.parametrize("how", [HOW, HOW | {"grading": 2, "accuracy": 1e-5}])
+def test_thick_films_are_solved_together(how):
+    """Light of high orders does not come back from their ends; on nodes of any grading, along any directions."""
+    films = [vrte.Scene([vrte.Interface(1.0, 1.5), layer(GREY, 0.8, 60.0 + k)], vrte.Lambertian(0.3)) for k in range(4)]
+    requests = [make_request("radiance", film, MU, mu=MU.tolist(), phi=PHI, **how) for film in films]
+    for film, found in zip(films, solve_side_by_side(requests), strict=True):
+        assert found.diagnostics["solved_together"] > 1
+        alone = vrte.radiance(film, MU, mu=MU, phi=PHI, **how)
+        assert found.diagnostics["orders"] == alone.diagnostics["orders"]
+        for name in ("stokes", "flux_up", "flux_down", "direct_up"):
+            assert_close(getattr(found, name), getattr(alone, name), rtol=1e-14, atol=1e-16)
 
 
 def test_films_under_other_surfaces_are_solved_by_themselves():

@@ -162,7 +162,7 @@ def test_transmission_that_nobody_asks_for_changes_no_reflection() -> None:
     assert "transmission" not in vrte.plan("brdf", ONE, **table(transmission=True)).as_dict()["left_out"]
 
 
-STEEP = {"mu_i": [0.99, 0.999], "mu_o": [0.9, 0.95], "phi": 180.0, "nodes": 8, "accuracy": 1e-6}
+STEEP = {"mu_i": [0.99, 0.999], "mu_o": [0.9, 0.95], "phi": 180.0, "nodes": 24, "accuracy": 1e-6}
 EARLY = Case("orders", "brdf", vrte.Scene([layer(thickness=10.0)]), STEEP, "", 1e-6)
 
 

@@ -116,8 +116,9 @@ def sort_into_batches(requests: Sequence[Request]) -> list[list[int]]:
         terms = max(layer.phase_matrix.terms for index in indices for layer in requests[index].scene.layers)
         orders = count_orders_at_most(first, min(terms, 2 * first.nodes))
         step = max(FEWEST, int(BATCH_BYTES / estimate_bytes(first, key, orders)))
-        if len(indices) >= FEWEST:
-            batches += [indices[k : k + step] for k in range(0, len(indices), step)]
+        if len(indices) >= FEWEST:  # one that would be left alone joins those before it
+            batches += [indices[k : k + step] for k in range(0, len(indices) - 1, step)]
+            batches[-1] = indices[indices.index(batches[-1][0]) :]
     return batches
 
 

@@ -71,7 +71,8 @@ class Task:
             self.left = count_orders_left(self.plan, self.brightest, self.found, self.left)
         taken: list[Piece] = []
         last = -1
-        while self.blocks < len(blocks) and (not taken or blocks[self.blocks].orders[0] <= last):
+        at_once = self.plan.is_solved_at_once
+        while self.blocks < len(blocks) and (at_once or not taken or blocks[self.blocks].orders[0] <= last):
             block = blocks[self.blocks]
             last = int(block.orders[-1])
             orders = block.orders if last < self.left else block.orders[block.orders < self.left]

@@ -33,7 +33,6 @@ def is_shared_request(request: Request) -> bool:
         and not request.verify
         and request.backend in (Backend.OPENMP, Backend.SEQUENTIAL)
         and request.nodes is not None
-        and (request.grading or 1) == 1
         and request.algorithm in ("auto", "direct", "modes")
         and request.illuminate == "top"
     )

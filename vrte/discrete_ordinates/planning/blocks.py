@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vrte.basics import cost
 from vrte.basics.arrays import Array, BoolArray, IntArray, replace_unchecked
 from vrte.discrete_ordinates.orders.base import EvenBases
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
@@ -137,8 +138,9 @@ def make_shared_blocks(
     """The orders of many scenes by modes, so many of each, in blocks that are alike; and which scenes they stand for,
     (scene,): for others, by themselves, another algorithm is chosen, fewer layers, or several looks at how many orders
     are left."""
-    steps, sets, along_normal = count_all_doubling_steps(problem), list_stokes_sets(problem), is_along_normal(problem)
+    sets, along_normal = list_stokes_sets(problem), is_along_normal(problem)
     fits, ends = np.ones(problem.scenes, bool), find_ends_seen(problem, needs, accuracy)
+    may_end = problem.layers > 1 or problem.media is not None  # without an end one layer has its own algorithm
     n_order = problem.coefficients.shape[1]
     blocks: list[Block] = []
     wanted: dict[Part, BoolArray] = {}
@@ -150,22 +152,31 @@ def make_shared_blocks(
             if part not in lit:
                 lit[part] = find_lit_columns(problem, part, there, along_normal)
             parts += [(part, members)] if lit[part] else []
-        fits[index] = are_solved_at_once([members for _, members in parts])
-        fits[index] &= all(part.has_end and part.layers == problem.layers for part, _ in parts)
+        fits[index] = not is_worth_stages(problem, count) or are_solved_at_once([members for _, members in parts])
+        fits[index] &= all([part.layers == problem.layers and (part.has_end or may_end) for part, _ in parts])
         for part, members in parts if fits[index] else ():
             if part not in wanted:
                 wanted[part] = np.zeros((n_order, problem.scenes), bool)
             wanted[part][members, index] = True
     reduced = {part: reduce_problem(problem, part, lit[part]) for part in wanted}
+    steps = {part.has_end: count_all_doubling_steps(each) for part, each in reduced.items()}
     for part, which in wanted.items():
-        fits &= find_scenes_for_modes(reduced[part], steps, algorithm, accuracy) | ~which.any(axis=0)
-    shared = EvenBases(tuple(bases)), Choice("modes", "many scenes that are alike")
+        for_modes = find_scenes_for_modes(reduced[part], steps[part.has_end], algorithm, accuracy)
+        fits &= for_modes | ~which.any(axis=0)
+    below, choice = EvenBases(tuple(bases)), Choice("modes", "many scenes that are alike")
     for part, which in wanted.items():
         orders = np.flatnonzero((which & fits).any(axis=1)).astype(np.int32)
         if orders.size:
-            own = reduced[part], *shared, (which & fits)[orders]
+            own = reduced[part], below if part.has_end else BLACK, choice, (which & fits)[orders]
             blocks.append(Block(orders, part.stokes, lit[part], *own))
     return sorted(blocks, key=lambda block: (int(block.orders[0]), block.stokes)), fits
+
+
+def is_worth_stages(problem: Problem, orders: int) -> bool:
+    """Whether it pays to look again, between orders, at how many are left: a block more takes as long as small ones."""
+    if orders * float(problem.size) ** 3 <= cost.WORTH_STAGES:
+        return False
+    return not problem.is_scalar or orders * float(problem.nodes.size) ** 3 > cost.WORTH_STAGES
 
 
 def is_along_normal(problem: Problem) -> bool:
@@ -230,12 +241,13 @@ def make_grid(rows: tuple[int, ...], columns: tuple[int, ...]) -> tuple[Any, ...
 def reduce_problem(problem: Problem, part: Part, columns: tuple[int, ...]) -> Problem:
     """The problem of the part's layers and Stokes parameters."""
     incident: Array = problem.columns[make_grid(columns, part.stokes)]
-    if part.layers == problem.layers and (part.has_end or np.isinf(problem.thickness[-1])):
-        return problem.select_stokes(part.stokes, incident)
-    thickness = problem.thickness[: part.layers]
-    if not part.has_end:
+    thickness = problem.thickness[: part.layers] if problem.scenes == 1 else problem.thickness
+    if not part.has_end and not np.isinf(thickness[-1]):
         thickness = thickness.copy()
-        thickness[-1] = np.inf
+        thickness[part.layers - 1 :: part.layers] = np.inf
+    if part.layers == problem.layers:
+        found = problem.select_stokes(part.stokes, incident)
+        return found if part.has_end else replace_unchecked(found, thickness=thickness)
     return replace_unchecked(
         problem,
         coefficients=problem.coefficients[: part.layers],

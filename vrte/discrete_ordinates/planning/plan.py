@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vrte.basics import cost
 from vrte.basics.arrays import Array, BoolArray, replace_unchecked
 from vrte.basics.quadrature import make_double_gauss
 from vrte.basics.running import Run
@@ -25,7 +24,13 @@ from vrte.discrete_ordinates.orders.truncating import (
     keep_unpolarized_peaks,
 )
 from vrte.discrete_ordinates.planning.azimuths import Azimuths, fold_azimuths
-from vrte.discrete_ordinates.planning.blocks import Block, are_solved_at_once, make_blocks, make_shared_blocks
+from vrte.discrete_ordinates.planning.blocks import (
+    Block,
+    are_solved_at_once,
+    is_worth_stages,
+    make_blocks,
+    make_shared_blocks,
+)
 from vrte.discrete_ordinates.planning.choose_quadrature import (
     DISCRETE,
     NodeChoice,
@@ -214,7 +219,8 @@ class Plan:
     @property
     def counts_again(self) -> bool:
         """Whether the orders are counted once more with the light that the first of them found."""
-        return self.problem.skip_flags.orders and not self.base_couples_orders
+        skips = self.problem.skip_flags.orders and not self.base_couples_orders
+        return skips and is_worth_stages(self.problem, self.orders)
 
     @cached_property
     def is_solved_at_once(self) -> bool:
@@ -396,7 +402,8 @@ def plan_scenes(request: Request, scenes: Sequence[Scene], run: Run) -> tuple[Pl
         for scene, is_cut in zip(scenes, cut, strict=True)
     ]
     peaks = [truncation.peaks for truncation in truncations]
-    problem = discretise_scenes(scenes, request.mu0, request.columns, mu, tau, choice.nodes, peaks)
+    into = request.mu0, request.columns, mu, tau, choice.nodes
+    problem = discretise_scenes(scenes, *into, peaks, grading=choice.grading)
     needs, bounds, brightest = look_at_orders(scenes, problem, mu, request, run)
     counts = count_orders_that_matter(bounds, brightest, accuracy)
     if request.fluxes_only:
@@ -432,13 +439,6 @@ def look_at_orders(
     for inside, seen, levels in views:  # the densest medium last: its light stays
         brightest[:, levels] = find_brightness(scenes, inside, seen, request.phi, run)[:, levels]
     return needs, bounds, brightest
-
-
-def is_worth_stages(problem: Problem, orders: int) -> bool:
-    """Whether it pays to look again, between orders, at how many are left: a block more takes as long as small ones."""
-    if orders * float(problem.size) ** 3 <= cost.WORTH_STAGES:
-        return False
-    return not problem.is_scalar or orders * float(problem.nodes.size) ** 3 > cost.WORTH_STAGES
 
 
 def converge_on_nodes(request: Request) -> tuple[NodeChoice, float]:
