@@ -42,7 +42,7 @@ from vrte.discrete_ordinates.planning.batch_plan import (
     is_shared_request,
 )
 from vrte.discrete_ordinates.planning.blocks import Block
-from vrte.discrete_ordinates.planning.plan import plan_request, plan_scenes
+from vrte.discrete_ordinates.planning.plan import make_plan, plan_request
 from vrte.methods import choose_method, make_run, solve_request
 from vrte.methods.discrete_ordinates import solve_plans, warn_of_negative
 from vrte.methods.parts.method import Answer
@@ -126,8 +126,8 @@ def solve_batch(requests: Sequence[Request], indices: list[int], run: Run) -> di
     """Results of one batch that its plan stands for and that passed the checks; others are solved by themselves."""
     begin, own = time.perf_counter(), replace_unchecked(run, stages={})
     asked, scenes = requests[indices[0]], [requests[index].scene for index in indices]
-    plan, fits = plan_scenes(asked, scenes, own)
-    if not plan.blocks:
+    plan = make_plan(asked, own, others=scenes[1:])
+    if plan.fits is None or not plan.blocks:
         return {}
     (found,) = carry_out([plan], PROCESSOR, own)
     for name, clock in own.stages.items():
@@ -138,7 +138,7 @@ def solve_batch(requests: Sequence[Request], indices: list[int], run: Run) -> di
     white &= (plan.problem.albedo.reshape(count, -1) == 1.0).all(axis=1)
     total = reflectance + find_mirrored(asked)
     lost = np.where(white[:, None], np.abs(1.0 - total), total - 1.0).max(axis=1)
-    solved = fits & (lost <= max(asked.accuracy, ROUNDING))  # not where it is no number
+    solved = plan.fits & (lost <= max(asked.accuracy, ROUNDING))  # not where it is no number
     residuals = {name: np.atleast_1d(found.diagnostics[name]) for name in sorted(Modes.allowed)}
     for name, values in residuals.items():
         solved &= values <= Modes.allowed[name]

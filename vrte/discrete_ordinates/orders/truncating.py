@@ -47,14 +47,14 @@ def choose_truncation(
         found = choose_by_rule(scene, mu0, mu, tau, nodes, accuracy)
     else:
         found = Truncation(name, "asked for", *NAMED[name])
-    polarized_alone = not columns[:, 0].any() and has_unpolarized_peak(scene, nodes)
-    return keep_unpolarized_peaks(found) if polarized_alone and found.peaks == "all" else found
+    if found.peaks == "all" and not columns[:, 0].any() and has_unpolarized_peak(scene, nodes):
+        return keep_unpolarized_peaks(found)
+    return found
 
 
 def choose_by_rule(scene: Scene, mu0: Array, mu: Array, tau: Array, nodes: int, accuracy: float) -> Truncation:
     """That of "auto", for light that comes in unpolarized."""
-    longest = max(layer.phase_matrix.terms for layer in scene.layers)
-    carried = count_terms_carried(scene, nodes)
+    longest, carried = max([layer.phase_matrix.terms for layer in scene.layers]), count_terms_carried(scene, nodes)
     if longest <= carried:
         return Truncation("none", f"auto: the nodes carry all of the {longest} terms", *NAMED["none"])
     name, spread = "delta-m", "none"

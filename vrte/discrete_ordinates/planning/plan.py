@@ -46,7 +46,6 @@ from vrte.discrete_ordinates.planning.facet_bounds import (
 from vrte.discrete_ordinates.planning.kept_plans import find_plan, keep_plan, name_request
 from vrte.discrete_ordinates.planning.order_bounds import (
     CAREFUL,
-    ORDERS,
     OrderBounds,
     choose_stages,
     count_orders_that_matter,
@@ -54,7 +53,7 @@ from vrte.discrete_ordinates.planning.order_bounds import (
     find_order_bounds,
     list_views,
 )
-from vrte.discrete_ordinates.planning.plan_table import list_plan_facts, write_numbers, write_plan
+from vrte.discrete_ordinates.planning.plan_table import list_plan_facts, write_plan
 from vrte.optics.facet_integrals import FINEST as FINEST_OF_FACETS
 from vrte.request.how import EXACT
 from vrte.request.request import Request, Wanted
@@ -64,7 +63,6 @@ from vrte.scene.scene import Scene
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-UNCUT = Truncation("none", "auto: the nodes carry all terms", "none", "none")
 UNPOLARIZED, POLARIZED = np.diag([1.0, 0.0, 0.0, 0.0]), np.diag([0.0, 1.0, 1.0, 1.0])
 
 
@@ -108,8 +106,6 @@ class Plan:
         Of the discrete problem.
     choice
         Of the nodes: how many, and by which rule.
-    left_out
-        Why orders or directions are left out, by the name of the switch.
     threads
         On how many threads.
     parts
@@ -118,6 +114,8 @@ class Plan:
         What is differentiated beside it, and how.
     others
         The other scenes that are planned together with that of the request.
+    fits
+        For which of several scenes the plan stands, (scene,): see `make_shared_blocks`.
 
     Examples
     --------
@@ -139,11 +137,11 @@ class Plan:
     blocks: tuple[Block, ...]
     accuracy: float
     choice: NodeChoice
-    left_out: dict[str, str]
     threads: int = 1
     parts: tuple["Plan", ...] = ()
     derivatives: tuple[Differentiated, ...] = ()
     others: tuple[Scene, ...] = ()
+    fits: BoolArray | None = None
 
     def __str__(self) -> str:
         return write_plan(self)
@@ -343,78 +341,51 @@ def make_plan(
     skip_flags: SkipFlags = EVERYTHING,
     known: tuple[NodeChoice, float] | None = None,
     truncation: Truncation | None = None,
+    others: Sequence[Scene] = (),
 ) -> Plan:
-    """The plan of a request; ``skip_flags``: all that can be, but in tests; ``known``:
-    the choice of nodes and the accuracy of another plan, where they are to be the same, as ``truncation`` may be."""
+    """The plan of a request; ``skip_flags``: all that can be, but in tests; ``known``: the choice of nodes and the
+    accuracy of another plan, where they are to be the same, as ``truncation`` may be; ``others``: scenes with the same
+    `BatchKey` as the request's, each planned as it would be by itself, by the same rules."""
     if not skip_flags.columns:
         request = split_incident_light(request)
     choice, accuracy = known or converge_on_nodes(request)
     nodes, grading = choice.nodes, choice.grading
-    scene, mu = request.scene, request.mu
+    scene, scenes, mu = request.scene, (request.scene, *others), request.mu
     if mu is None:
         points = make_double_gauss(nodes, grading)[0]
         mu = np.concatenate([points, -points])
     rank = sort_up_first(mu.tobytes())[0]
-    asked = request.mu0, request.columns, mu
-    truncation = truncation or choose_truncation(request.truncation, scene, *asked, request.tau, nodes, accuracy)
-    into = request.mu0, request.columns, mu[rank], request.tau[None], nodes
-    problem = discretise_scenes([scene], *into, [truncation.peaks], request.under, grading, truncation.whole)
+    asked = request.mu0, request.columns, mu, request.tau, nodes, accuracy
+    truncations = [truncation or choose_truncation(request.truncation, each, *asked) for each in scenes]
+    into = request.mu0, request.columns, mu[rank], stack_depths(request, scenes), nodes
+    peaks = [one.peaks for one in truncations]
+    problem = discretise_scenes(scenes, *into, peaks, request.under, grading, truncations[0].whole)
     if skip_flags != EVERYTHING:
         problem = replace_unchecked(problem, skip_flags=skip_flags)
-    needs, bounds, brightest = look_at_orders([scene], problem, mu, request, run)
+    needs, bounds, brightest = look_at_orders(scenes, problem, mu, request, run)
     uneven = couples_orders(problem, scene.below)
     careful: tuple[float, ...] = CAREFUL
     if scene.is_rough and not uneven and not request.fluxes_only:
         careful = CAREFUL_UNDER_FACETS
         bounds, brightest = bound_orders_under_facets(problem, needs.strength[0])
+    counts = np.full(len(scenes), problem.coefficients.shape[1], np.int32)
     stages: tuple[int, ...] = ()
-    last, left_out = problem.coefficients.shape[1] - 1, {}
     if request.fluxes_only and skip_flags.fluxes and not uneven:
-        count, left_out["fluxes"] = 1, "all orders but 0: fluxes alone are asked for"
-    elif uneven or not skip_flags.orders:
-        count = last + 1
+        counts[:] = 1
+    elif skip_flags.orders and not uneven:
+        counts = count_orders_that_matter(bounds, brightest, accuracy)
+        if not others and is_worth_stages(problem, int(counts[0])):
+            stages = choose_stages(bounds, brightest, accuracy, careful)
+    asked_of = needs, accuracy, request.algorithm
+    if others:
+        blocks, fits = make_shared_blocks(problem, [each.below for each in scenes], counts, *asked_of)
+        fits &= np.array([one.spread != "all" for one in truncations])
     else:
-        count = int(count_orders_that_matter(bounds, brightest, accuracy)[0])
-        stages = choose_stages(bounds, brightest, accuracy, careful) if is_worth_stages(problem, count) else ()
-        if count <= last:
-            left_out["orders"] = (
-                f"multiple scattering of {write_numbers(range(count, last + 1), 'order')}: together they add less than "
-                f"{ORDERS:g} of the accuracy"
-            )
-    eigensolver = request.backend.linear_algebra == "lapack"
-    blocks = make_blocks(problem, scene.below, count, stages, needs, accuracy, request.algorithm, eigensolver)
+        eigensolver = request.backend.linear_algebra == "lapack"
+        blocks, fits = make_blocks(problem, scene.below, int(counts[0]), stages, *asked_of, eigensolver), None
     wanted = request.wanted or want_everything(request, mu)
-    found = needs, bounds, brightest, wanted, count, tuple(blocks), accuracy, choice, left_out, run.threads
-    return Plan(request, problem, truncation, mu, *found)
-
-
-def plan_scenes(request: Request, scenes: Sequence[Scene], run: Run) -> tuple[Plan, BoolArray]:
-    """The plan of what is asked of many scenes, the first of them that of the request: each as it would be by itself,
-    by the same rules; and which of them it stands for, (scene,), see `make_shared_blocks`. Scenes and request have a
-    `BatchKey`."""
-    choice, accuracy = converge_on_nodes(request)
-    mu, tau = request.mu, stack_depths(request, scenes)
-    assert mu is not None
-    asked, carried = (request.mu0, request.columns, mu), count_terms_carried(request.scene, choice.nodes)
-    cut = [max(layer.phase_matrix.terms for layer in scene.layers) > carried for scene in scenes]
-    truncations = [
-        choose_truncation(request.truncation, scene, *asked, request.tau, choice.nodes, accuracy) if is_cut else UNCUT
-        for scene, is_cut in zip(scenes, cut, strict=True)
-    ]
-    peaks = [truncation.peaks for truncation in truncations]
-    into = request.mu0, request.columns, mu, tau, choice.nodes
-    problem = discretise_scenes(scenes, *into, peaks, grading=choice.grading)
-    needs, bounds, brightest = look_at_orders(scenes, problem, mu, request, run)
-    counts = count_orders_that_matter(bounds, brightest, accuracy)
-    if request.fluxes_only:
-        counts = np.ones_like(counts)
-    bases = [scene.below for scene in scenes]
-    blocks, fits = make_shared_blocks(problem, bases, counts, needs, accuracy, request.algorithm)
-    fits &= np.array([truncation.spread != "all" for truncation in truncations])
-    wanted = request.wanted or want_everything(request, mu)
-    most, others = int(counts.max()), tuple(scenes[1:])
-    found = needs, bounds, brightest, wanted, most, tuple(blocks), accuracy, choice
-    return Plan(request, problem, truncations[0], mu, *found, left_out={}, others=others), fits
+    found = needs, bounds, brightest, wanted, int(counts.max()), tuple(blocks), accuracy, choice, run.threads
+    return Plan(request, problem, truncations[0], mu, *found, others=tuple(others), fits=fits)
 
 
 def stack_depths(request: Request, scenes: Sequence[Scene]) -> Array:

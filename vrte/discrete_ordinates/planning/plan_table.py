@@ -20,7 +20,7 @@ from vrte.discrete_ordinates.planning.operations import (
     count_operations_of_plan,
     count_operations_of_sums,
 )
-from vrte.discrete_ordinates.planning.order_bounds import explain_stokes_sets
+from vrte.discrete_ordinates.planning.order_bounds import ORDERS, explain_stokes_sets
 from vrte.request.how import EXACT
 from vrte.scene.scene import Scene
 
@@ -248,7 +248,12 @@ def explain_block(problem: Problem, block: Block) -> list[tuple[str, str]]:
 def explain_whole_plan(plan: "Plan") -> dict[str, str]:
     """What is left out of the whole, "" where it is not."""
     request, problem, scene = plan.request, plan.problem, plan.request.scene
-    found = dict(plan.left_out)
+    found, last = {}, problem.coefficients.shape[1] - 1
+    if request.fluxes_only and problem.skip_flags.fluxes and not plan.base_couples_orders:
+        found["fluxes"] = "all orders but 0: fluxes alone are asked for"
+    elif plan.orders <= last:
+        beyond = write_numbers(range(plan.orders, last + 1), "order")
+        found["orders"] = f"multiple scattering of {beyond}: together they add less than {ORDERS:g} of the accuracy"
     if {block.stokes for block in plan.blocks} - {ALL} and not plan.base_couples_orders:
         found["stokes"] = explain_stokes_sets(problem, any(block.orders[0] == 0 for block in plan.blocks))
     if request.kind == "radiance" and request.columns.shape[0] == 1:
