@@ -10,8 +10,7 @@ import vrte
 from bench.cases import SPHEROIDS
 from vrte import _core
 from vrte.basics.running import ThreadTeam
-from vrte.discrete_ordinates.execution.sums import find_column_kinds
-from vrte.discrete_ordinates.planning.azimuths import compute_cos_sin, fold_azimuths
+from vrte.discrete_ordinates.planning.azimuths import fold_azimuths
 
 BOTH = pytest.mark.parametrize("algorithm", ["modes", "doubling"])
 
@@ -48,8 +47,7 @@ def scattered(
     apiece = coefficients.ndim == 3
     table = _core.series_table(coefficients.reshape(-1, 6), mu.size) if apiece else _core.series_table(coefficients)
     azimuths = fold_azimuths(phi)
-    cosine, sine = compute_cos_sin(azimuths.distinct)
-    kind = find_column_kinds(columns)
+    kind = columns[:, 2:].any(axis=1).astype(np.int32)
     for first, last in ((0, 1), (1, mu0.size)):
         _core.add_single_scattering(
             ThreadTeam(threads, np.zeros(threads), np.zeros(1, np.int32)),
@@ -57,10 +55,7 @@ def scattered(
             path=path,
             mu0=mu0,
             mu=mu,
-            cos_phi=cosine,
-            sin_phi=sine,
-            angle=azimuths.angle,
-            sign=azimuths.sign,
+            **azimuths.arguments,
             columns=columns,
             kind=kind,
             place=np.array(index, np.int32),

@@ -62,7 +62,7 @@ class Target:
     @cached_property
     def kind(self) -> IntArray:
         """1 for incident Stokes vectors within (U, V), 0 for those within (I, Q), (n_col,)."""
-        return find_column_kinds(self.problem.columns)
+        return self.problem.columns[:, 2:].any(axis=1).astype(np.int32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,11 +199,6 @@ def make_parts(target: Target) -> list[Part]:
         )
         for levels, directions in wanted.parts
     ]
-
-
-def find_column_kinds(columns: Array) -> IntArray:
-    """1 for incident Stokes vectors within (U, V), 0 for those within (I, Q), (n_col,)."""
-    return np.where(columns[:, 2:].any(axis=1), 1, 0).astype(np.int32)
 
 
 def count_pieces(wanted: Wanted, n_phi: int, piece_bytes: float) -> int:

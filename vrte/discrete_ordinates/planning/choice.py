@@ -245,7 +245,7 @@ def predict_iterations(strength: Array, accuracy: float) -> Array:
 
 def count_doubling_steps(thickness: float, lowest: float) -> float:
     """Of a slab: from a layer that is about as thick as the lowest cosine."""
-    return cost.STEPS_ENDLESS if math.isinf(thickness) else max(math.ceil(math.log2(thickness / lowest)), 0) + 2.0
+    return cost.STEPS_ENDLESS if math.isinf(thickness) else math.ceil(math.log2(max(thickness / lowest, 1.0))) + 2.0
 
 
 def predict_doubling_time(problem: Problem, doubling: DoublingSteps) -> float:

@@ -11,6 +11,7 @@ from vrte.discrete_ordinates.orders.single_interface import is_under_one_surface
 from vrte.discrete_ordinates.orders.slabs import cut_layers, merge_materials, select_materials
 from vrte.discrete_ordinates.planning.blocks import Block
 from vrte.discrete_ordinates.planning.choice import (
+    count_doubling_steps,
     count_operations_of_invariance,
     count_operations_of_modes,
     count_operations_of_scatterings,
@@ -63,12 +64,8 @@ def count_operations_of_doubling(problem: Problem) -> float:
     slab_stack = cut_layers(problem)
     n, edges = float(slab_stack.problem.size), float(slab_stack.problem.n_rhs + slab_stack.problem.rows_out)
     product = 2.0 * n * n * (n + edges) + 2.0 * n * slab_stack.problem.n_rhs * slab_stack.problem.rows_out
-    with np.errstate(divide="ignore"):
-        steps = (
-            np.clip(np.ceil(np.log2(slab_stack.thickness / float(slab_stack.problem.directions.min()))), 0.0, None)
-            + 1.0
-        )
-    steps[np.isinf(slab_stack.thickness)] = cost.STEPS_ENDLESS
+    lowest = float(slab_stack.problem.directions.min())
+    steps = np.array([count_doubling_steps(each, lowest) for each in slab_stack.thickness.tolist()])
     scatters = (slab_stack.problem.albedo[slab_stack.material] > 0.0) | (not problem.skip_flags.clear)
     doubled = float((cost.PRODUCTS_A_STEP * steps + cost.PRODUCTS_BESIDE)[scatters].sum())
     return product * (doubled + cost.PRODUCTS_A_JOINT * (slab_stack.slabs.size - 1))
