@@ -62,7 +62,7 @@ class Target:
     @cached_property
     def kind(self) -> IntArray:
         """1 for incident Stokes vectors within (U, V), 0 for those within (I, Q), (n_col,)."""
-        return self.problem.columns[:, 2:].any(axis=1).astype(np.int32)
+        return np.array(self.problem.columns[:, 2:].any(axis=1), np.int32)
 
 
 @dataclass(frozen=True, eq=False)
