@@ -7,6 +7,9 @@ import pytest
 
 import vrte
 from vrte.basics.arrays import Array
+from vrte.basics.quadrature import make_double_gauss, make_refracted_nodes
+from vrte.optics.facet_energy import find_lost, share_bounces
+from vrte.optics.facet_integrals import gather_orders
 from vrte.optics.facets import RoughSurface, shade_facets
 from vrte.scene.boundary import PAULI
 
@@ -120,3 +123,41 @@ def test_what_bounces_between_facets_is_given_back() -> None:
     assert_close(perfect.reflectance(mu), 1.0, rtol=0.0, atol=1e-6)
     there, back = (all_.reflect(np.array(a), np.array(b), np.array(40.0))[0, 0] for a, b in ((0.2, 0.7), (0.7, 0.2)))
     assert there == close_to(back, rtol=1e-12, atol=0.0)
+
+
+@pytest.mark.parametrize("distribution", ["beckmann", "ggx"])
+@pytest.mark.parametrize("roughness", [0.02, 0.3, 1.5])
+@pytest.mark.parametrize("index", [1.5, 1.0 / 1.5, 0.2 + 3.0j])
+def test_shares_of_single_bounces_are_integrals_over_all_directions(
+    index: complex, roughness: float, distribution: Any
+) -> None:
+    """By angle of incidence on the facets, against outgoing directions and azimuths: reciprocal, so that evenly lit
+    facets send these shares along mu."""
+    surface = RoughSurface(1.0, index, roughness, distribution, shadowing=True, conserving=True)
+    mu = np.array([0.01, 0.3, 0.7, 0.75, 1.0])
+    behind = [] if complex(index).imag else [surface.index.real]
+    nodes = make_refracted_nodes([1.0, *behind], 8)
+    expected = []
+    for side, transmitted in [(surface, False), *((surface.turned, True) for _ in behind)]:
+        cosines, weights = nodes.carried(side.index_from)
+        sent = np.tensordot(weights * cosines, gather_orders(side, transmitted, nodes, mu, 1, 1e-9)[0, ..., :2, 0], 1)
+        expected.append(sent * (surface.ratio.real**2 if transmitted else 1.0))
+    found = share_bounces(surface, mu)
+    for k, part in enumerate(expected):
+        assert_close(found[:, 2 * k : 2 * k + 2], part, rtol=0.0, atol=1e-5)
+    assert_close(found[:, ::2].sum(axis=1), 1.0, rtol=0.0, atol=1e-7)
+
+
+@pytest.mark.parametrize("surface", [SURFACES[2], RoughSurface(1.5, 1.0, 0.03, shadowing=True, conserving=True)])
+def test_lost_light_is_known_between_cosines_and_of_light_between_nodes(surface: RoughSurface) -> None:
+    """As polynomials in pieces; on few nodes as the integral that polynomials through them want."""
+    surface = RoughSurface(**{**vars(surface), "conserving": True})
+    lost, mu = find_lost(surface), np.linspace(0.01, 1.0, 97)
+    assert_close(mu[:, None] * lost.find(mu), mu[:, None] * share_bounces(surface, mu)[:, 4:], rtol=0.0, atol=1e-5)
+    nodes = make_refracted_nodes([surface.index_from, surface.index.real], 6)
+    cosines, weights = nodes.carried(surface.index_from)
+    x, share = make_double_gauss(4000)
+    for power in (0, 2):  # polynomials in the cosine below the lowest index only: of one panel there
+        if len({panel.high for _, _, panel in nodes.panels if panel.high <= surface.index_from}) == 1 or power == 0:
+            expected = share * x ** (1 + power) @ lost.find(x)
+            assert_close((weights * cosines ** (1 + power)) @ lost.spread(nodes), expected, rtol=0.0, atol=1e-7)

@@ -193,10 +193,10 @@ cdef void multiply_apart(int n, int n_order, given samples, given multiples, dou
 cdef void facet_mueller(const Arrays* f, const Pair* g, double sh, double ch, double weight,
                         double (*z)[4]) noexcept nogil:
     """z: weight times f at an azimuth whose half has the sine sh and the cosine ch, as in vrte/optics/facets.py."""
-    cdef double full = 2.0 * sh * ch, n = f.index, root
+    cdef double full = 2.0 * sh * ch, n = f.index
     cdef double across = g.across + g.apart * sh * sh, tilt = across / g.vertical, strength = weight * g.common
     cdef double size, less, ci, co, a_i, b_i, a_o, b_o, norm, c2, s2, d2, e2, a, b, re, im
-    cdef cplx inside, p, s, low, m = make(f.index, f.absorption)
+    cdef cplx p, s, m = make(f.index, f.absorption)
     if f.is_ggx:
         strength *= ((1.0 + tilt) / (1.0 + tilt / steep_of(f))) ** 2
     else:
@@ -215,20 +215,7 @@ cdef void facet_mueller(const Arrays* f, const Pair* g, double sh, double ch, do
         b_o = 2.0 * g.mu_o * g.sine_i * sh * sh - g.between
     else:
         ci = 0.5 * sqrt(size)
-        # n c of what gets in, from n^2 - sin^2 as fresnel.py has it
-        inside = times(m - 1.0, m + 1.0) + ci * ci
-        low = times(m, m)
-        if inside.imag == 0.0 and inside.real >= 0.0:
-            root = sqrt(inside.real)
-            s = make((ci - root) / (ci + root), 0.0)
-            p = make((low.real * ci - root) / (low.real * ci + root), 0.0)
-        else:
-            inside = c_sqrt(inside)
-            if inside.imag < 0.0:
-                inside = make(-inside.real, -inside.imag)
-            s = over(make(ci - inside.real, -inside.imag), make(ci + inside.real, inside.imag))
-            p = over(make(low.real * ci - inside.real, low.imag * ci - inside.imag),
-                     make(low.real * ci + inside.real, low.imag * ci + inside.imag))
+        reflect_flat(m, ci, &p, &s)
         b_i = 2.0 * g.mu_i * g.sine_o * ch * ch + g.between
         b_o = 2.0 * g.mu_o * g.sine_i * ch * ch - g.between
     if a_i * a_i + b_i * b_i == 0.0 or a_o * a_o + b_o * b_o == 0.0:     # parallel: r of what comes
@@ -249,3 +236,112 @@ cdef void facet_mueller(const Arrays* f, const Pair* g, double sh, double ch, do
     z[2][0], z[2][1] = e2 * b, e2 * a * c2 - d2 * re * s2
     z[2][2], z[2][3] = e2 * a * s2 + d2 * re * c2, d2 * im
     z[3][0], z[3][1], z[3][2], z[3][3] = 0.0, im * s2, -im * c2, re
+
+
+cdef void reflect_flat(cplx m, double c, cplx* p, cplx* s) noexcept nogil:
+    """Fresnel's r_p, r_s of a flat surface of relative index m where c is the cosine of incidence."""
+    # n c of what gets in, from n^2 - sin^2 as fresnel.py has it
+    cdef cplx inside = times(m - 1.0, m + 1.0) + c * c, low = times(m, m)
+    cdef double root
+    if inside.imag == 0.0 and inside.real >= 0.0:
+        root = sqrt(inside.real)
+        s[0] = make((c - root) / (c + root), 0.0)
+        p[0] = make((low.real * c - root) / (low.real * c + root), 0.0)
+        return
+    inside = c_sqrt(inside)
+    if inside.imag < 0.0:
+        inside = make(-inside.real, -inside.imag)
+    s[0] = over(make(c - inside.real, -inside.imag), make(c + inside.real, inside.imag))
+    p[0] = over(make(low.real * c - inside.real, low.imag * c - inside.imag),
+                make(low.real * c + inside.real, low.imag * c + inside.imag))
+
+
+cdef Job facet_shares_job(Arrays* t) noexcept nogil:
+    return Job(t.n_direction, <size_t>t.n_slope + 4, 0)
+
+
+cdef int facet_shares_one(const void* task, int item, Workspace desk) noexcept nogil:
+    """The integral over the angle of incidence on facets in pieces, each by Gauss's rule in what makes roots at both
+    ends smooth."""
+    cdef const Arrays* f = <const Arrays*>task
+    cdef double mu = f.mu_i[item], sine = sqrt((1.0 - mu) * (1.0 + mu)), start, size, x, weight
+    cdef double lit = shade(f, mu, sine) if f.shadowing else 1.0
+    cdef doubles edges = f.edges + <size_t>item * f.n_edge
+    cdef doubles out = f.shares + <size_t>item * 6
+    cdef int k, j
+    set_zero(6, out)
+    for k in range(f.n_edge - 1):
+        start, size = edges[k], edges[k + 1] - edges[k]
+        if size < 1e-13:
+            continue
+        for j in range(f.n_point):
+            x = f.points[j]
+            weight = 6.0 * x * (1.0 - x) * f.point_weights[j] * size
+            facets_around(f, mu, sine, lit, start + x * x * (3.0 - 2.0 * x) * size, weight, desk.work, out)
+    return 0
+
+
+cdef void facets_around(const Arrays* f, double mu, double sine, double lit, double angle, double weight, doubles ends,
+                        doubles out) noexcept nogil:
+    """Adds the facets that light along mu meets at that angle of incidence, by their azimuth around it, 0 where they
+    are the most upright: in pieces between the slopes given, and where reflected light turns below the horizon, and
+    refracted light does, or is as low as what comes."""
+    cdef double n = f.index, c = cos(angle), a = c * mu, b = sin(angle) * sine, h, tilt, turn, w, up, through
+    cdef double bent = 0.0, mu_o, flat, skew, start, end, lowest = 0.0, edge
+    cdef int k, j, count = 0
+    cdef cplx p, s
+    cdef bint total = f.absorption != 0.0 or (n - 1.0) * (n + 1.0) + c * c < 0.0
+    reflect_flat(make(n, f.absorption), c, &p, &s)
+    flat = 0.5 * (p.real * p.real + p.imag * p.imag + s.real * s.real + s.imag * s.imag)
+    skew = 0.5 * (p.real * p.real + p.imag * p.imag - s.real * s.real - s.imag * s.imag)
+    for k in range(f.n_slope):
+        ends[k] = 1.0 / sqrt(1.0 + f.slopes[k] * f.slopes[k] * steep_of(f))
+    count = f.n_slope
+    ends[count] = 0.5 * mu / c if c > 0.0 else 1.0
+    count += 1
+    if not total:
+        bent = sqrt((n - 1.0) * (n + 1.0) + c * c) - c
+        if bent != 0.0:
+            ends[count], ends[count + 1] = -mu / bent, mu * (n - 1.0) / bent
+            count += 2
+    if not f.is_ggx:
+        lowest = 1.0 / sqrt(1.0 + f.reach * f.reach * steep_of(f))
+    for k in range(1, count):       # upright facets first
+        edge, j = ends[k], k
+        while j > 0 and ends[j - 1] < edge:
+            ends[j] = ends[j - 1]
+            j -= 1
+        ends[j] = edge
+    ends[count] = lowest
+    weight *= 2.0 * lit * c * sin(angle) / (PI * steep_of(f) * mu)
+    start = 0.0
+    for k in range(count + 1):
+        edge = max(ends[k], lowest)
+        if a + b <= edge or start == PI:
+            continue
+        end = PI if a - b >= edge else acos(min(max((edge - a) / b, -1.0), 1.0))
+        for j in range(f.n_point if end > start else 0):
+            turn = cos(start + f.points[j] * (end - start))
+            h = a + b * turn
+            turn = 2.0 * turn * turn - 1.0
+            tilt = max((1.0 - h) * (1.0 + h) / (h * h), 0.0) / steep_of(f)
+            w = weight * f.point_weights[j] * (end - start) / (h * h * h * h)
+            w *= exp(-tilt) if not f.is_ggx else 1.0 / ((1.0 + tilt) * (1.0 + tilt))
+            mu_o = min(2.0 * c * h - mu, 1.0)
+            up = 0.0 if mu_o <= 0.0 else shade(f, mu_o, sqrt((1.0 - mu_o) * (1.0 + mu_o))) if f.shadowing else 1.0
+            through = 1.0
+            if not total:
+                mu_o = min((mu + bent * h) / n, 1.0)
+                if mu_o <= 0.0:
+                    through = 0.0
+                elif f.hiding:
+                    through = shade(f, mu_o, sqrt((1.0 - mu_o) * (1.0 + mu_o)))
+                    if f.hiding == 2:
+                        through = min(through, lit) / lit
+            out[0] += w * flat * up
+            out[1] += w * skew * turn * up
+            out[2] += w * (1.0 - flat) * through
+            out[3] -= w * skew * turn * through
+            out[4] += w * (flat * (1.0 - up) + (1.0 - flat) * (1.0 - through))
+            out[5] -= w * skew * turn * (up - through)
+        start = end

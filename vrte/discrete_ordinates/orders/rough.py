@@ -15,7 +15,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array, Remembered
 from vrte.basics.quadrature import RefractedNodes
-from vrte.optics.facet_energy import restore_lost
+from vrte.optics.facet_energy import find_lost, find_strengths
 from vrte.optics.facet_integrals import gather_orders
 from vrte.optics.facets import RoughSurface
 from vrte.scene.interface import Interface
@@ -88,10 +88,9 @@ def integrate_interface(
         ),
     )
     if interface.conserving:
-        mu = [nodes_here for nodes_here, _ in carried]
         for k in (0, 1):
-            add_lost(found.reflected[k], sides[k], False, (mu[k], beams[k]), (mu[k], seen[k]))
-            add_lost(found.transmitted[k], sides[k], True, (mu[k], beams[k]), (mu[1 - k], seen[1 - k]))
+            add_lost(found.reflected[k], sides[k], False, (nodes, beams[k]), (nodes, seen[k]))
+            add_lost(found.transmitted[k], sides[k], True, (nodes, beams[k]), (nodes, seen[1 - k]))
     return *found.reflected, *found.transmitted
 
 
@@ -117,8 +116,8 @@ def expand_top(
     accuracy: float,
 ) -> TopOrders:
     """What matters of a rough interface above layers in the orders 0 .. n_order - 1; beams from above, ``seen`` above
-    and below. It is remembered, order 0 or up to a multiple of TOGETHER: blocks of orders come one after another."""
-    asked, n_order = n_order, 1 if n_order == 1 else 1 + TOGETHER * math.ceil((n_order - 1) / TOGETHER)
+    and below. It is remembered, order 0 and a multiple of TOGETHER: blocks of orders come one after another."""
+    asked, n_order = n_order, 1 + TOGETHER * max(1, math.ceil((n_order - 1) / TOGETHER))
     placed = (nodes.highest, nodes.depth, nodes.measure, beams, *seen)
     key = "top", interface, nodes.panels, tuple(part.tobytes() for part in placed), n_order, accuracy
 
@@ -135,8 +134,8 @@ def expand_top(
         rising = join_ways(rising, falling / gain, (inner.size, 0, 0), (mu.size, 0, 0), TRANSMITTED)
         mirrored = turn_way(gather_orders(above, False, nodes, beams, 1, accuracy), REFLECTED)
         if interface.conserving:
-            add_lost(rising, below, True, (inner, none), (mu, none))
-            add_lost(mirrored, above, False, (none, beams), (mu, none))
+            add_lost(rising, below, True, (nodes, none), (nodes, none))
+            add_lost(mirrored, above, False, (None, beams), (nodes, none))
         power = weights * mu
         return back, up, down, *(np.einsum("iob,o->ib", part[0, ..., 0, :], power) for part in (rising, mirrored))
 
@@ -154,12 +153,12 @@ def send_through(
 
     def integrate() -> tuple[Array, Array]:
         above, below, none = interface.facets, interface.turned.facets, np.zeros(0)
-        gain, (mu, _) = (interface.index_below / interface.index_above) ** 2, nodes.carried(interface.index_below)
+        gain = (interface.index_below / interface.index_above) ** 2
         through = gather_orders(below, True, nodes, np.concatenate([seen, beams]), n_order, accuracy)
         up, down = through[:, :, : seen.size], turn_way(gain * through[:, :, seen.size :], TRANSMITTED)
         if interface.conserving:
-            add_lost(up, below, True, (mu, none), (none, seen))
-            add_lost(down, above, True, (none, beams), (mu, none))
+            add_lost(up, below, True, (nodes, none), (None, seen))
+            add_lost(down, above, True, (None, beams), (nodes, none))
         return up, down
 
     up, down = _EXPANDED.find(key, integrate)
@@ -167,12 +166,22 @@ def send_through(
 
 
 def add_lost(
-    found: Array, surface: RoughSurface, transmitted: bool, into: tuple[Array, Array], out: tuple[Array, Array]
+    found: Array,
+    surface: RoughSurface,
+    transmitted: bool,
+    into: tuple[RefractedNodes | None, Array],
+    out: tuple[RefractedNodes | None, Array],
 ) -> None:
-    """Adds to R^m (order, into, out, 4, 4), in place, what single bounces lose; into, out: nodes, and cosines off
-    them, between which nothing is added."""
-    more = 2.0 * np.pi * restore_lost(surface, np.concatenate(into)[:, None], np.concatenate(out), transmitted)
-    more[into[0].size :, out[0].size :] = 0.0
+    """Adds to R^m (order, into, out, 4, 4), in place, what single bounces lose; into, out: nodes, if any, and cosines
+    off them, between which nothing is added."""
+    n_node, lost = [], []
+    for side, (nodes, cosines) in ((surface, into), (surface.turned if transmitted else surface, out)):
+        light = find_lost(side)
+        along = np.zeros((0, 2)) if nodes is None else light.spread(nodes)
+        n_node.append(len(along))
+        lost.append(np.concatenate([along, light.find(cosines)]))
+    more = find_strengths(surface)[transmitted] * lost[1][:, :, None] * lost[0][:, None, None, :]
+    more[n_node[0] :, n_node[1] :] = 0.0
     found[0, ..., :2, :2] += more
 
 
@@ -186,7 +195,7 @@ def reflect_off_facets(
     gathered = gather_orders(surface, False, nodes, np.concatenate([mu, seen, beams]), n_order, accuracy)
     found = join_ways(gathered, gathered, sizes, sizes, REFLECTED)
     if surface.conserving:
-        add_lost(found, surface, False, (mu, beams), (mu, seen))
+        add_lost(found, surface, False, (nodes, beams), (nodes, seen))
     return found
 
 
