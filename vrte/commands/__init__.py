@@ -1,1 +1,1 @@
-"""The commands of `vrte`, listed in commands.toml; the module of each has ``add``, its arguments, and ``run``."""
+"""The commands of `vrte`, listed in commands.toml; the module of each has ``run``, and ``check`` before it."""

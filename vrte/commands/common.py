@@ -4,6 +4,7 @@ all commands, commands.toml, and the page of the documents that says more of a c
 import argparse
 import importlib.util
 import os
+import re
 import sys
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -11,6 +12,7 @@ from contextlib import contextmanager, nullcontext, suppress
 from functools import cache
 from importlib import import_module, metadata
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any, NoReturn
 
 from vrte.basics.errors import AccuracyError, DeviceError, MissingExtraError, SceneError, SweepError
@@ -122,12 +124,31 @@ class Parser(argparse.ArgumentParser):
             (group or self).add_argument(*names, word, help=help_text, **more)
             return
         reads = make_whole_number_reader(*limits) if limits else find_reader(word)
-        metavar = {} if word in names else {"metavar": word}
+        metavar = {} if word in names else {"metavar": None if "choices" in more else word}
         dest = (group or self).add_argument(*names, help=help_text, **{"type": reads} | metavar | more).dest
-        if word.startswith("OUT"):
+        if word.startswith("OUT") or suffixes is not None:
             self.outputs[dest] = (Path(word).suffix,) if suffixes is None else tuple(suffixes)
         elif reads is Path and not names[0].startswith("-") and more.get("nargs") != "+":
             self.set_defaults(reads_from=dest)
+
+    def take_rows(self, rows: Iterable[dict[str, Any]]) -> None:
+        """The arguments that rows of commands.toml declare, in their order."""
+        groups: dict[str, Any] = {}
+        for row in rows:
+            found = {key: resolve_value(value) for key, value in row.items()}
+            if "options" in found:
+                self.take_options(*found["options"])
+                continue
+            help_text = found.pop("help").format_map(found)
+            if "choices" in found:
+                found["choices"] = tuple(found["choices"])
+            if group := found.pop("group", None):
+                found["group"] = groups[group] = groups.get(group) or self.add_mutually_exclusive_group()
+            if found.pop("unset", False):
+                found["default"] = None
+            if found.get("type") == "int":
+                found["type"] = int
+            self.take(found.pop("typed"), help_text, **found)
 
     def take_options(self, *names: str) -> None:
         """Options of a call by name, with the words that vrte/request/how.py has for them."""
@@ -139,6 +160,17 @@ class Parser(argparse.ArgumentParser):
             if option.of is not bool and not option.choices:
                 flag, more = f"{flag} {'N' if option.of is int else 'X'}", {"type": make_option_reader(name)}
             self.take(flag, option.short, **more)
+
+
+def resolve_value(value: Any) -> Any:
+    """A value of commands.toml, or what it names in a module of vrte.
+
+    >>> resolve_value(["vrte.commands.common:PICTURES", 1])
+    [('.png', '.svg', '.pdf'), 1]
+    """
+    if isinstance(value, list):
+        return [resolve_value(one) for one in value]
+    return resolve_name(value) if isinstance(value, str) and re.fullmatch(r"vrte[\w.]*:\w+", value) else value
 
 
 def find_reader(word: str) -> Reader:
@@ -326,6 +358,9 @@ def make_parser(arguments: Sequence[str] | None = None) -> Parser:
         if arguments is None or name == typed:
             command.examples, command.page = row["examples"], row["page"]
             module = import_module(f"vrte.commands.{row['module']}")
-            module.add(command)
-            command.set_defaults(run=module.run, outputs=command.outputs, check=getattr(module, "check", None))
+            command.epilog = row.get("epilog")
+            command.take_rows([*_TABLES["shared"].get(row.get("shared"), ()), *row.get("arguments", ())])
+            command.set_defaults(
+                **row.get("defaults", {}), run=module.run, outputs=command.outputs, check=getattr(module, "check", None)
+            )
     return parser

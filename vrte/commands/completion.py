@@ -6,16 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from vrte.basics.errors import import_extra
-from vrte.commands.common import Parser
 from vrte.formats.materials import list_materials
 from vrte.optics.refractive_index import MATERIALS
 
 SHELLS = ("bash", "zsh", "tcsh", "fish")
-
-
-def add(command: Parser) -> None:
-    """The arguments of `vrte completion`."""
-    command.take("shell SHELL", "which shell it is for", choices=SHELLS, metavar=None)
 
 
 def run(options: argparse.Namespace) -> None:

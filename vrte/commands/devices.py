@@ -10,17 +10,9 @@ from vrte.basics.errors import DeviceError
 from vrte.basics.running import Run, count_usable_cpus, run_interruptible
 from vrte.cl import device
 from vrte.cl.device import Device
-from vrte.commands.common import Parser, show_progress
+from vrte.commands.common import show_progress
 
 NOTHING: Mapping[Any, Any] = MappingProxyType({})
-
-
-def add(command: Parser) -> None:
-    """The arguments of `vrte devices`."""
-    command.add_argument("--measure", action="store_true", help="products a second, beside BLAS; some seconds")
-    help_text = "whether a device of the list, by default the one that is taken, computes what the processor does: two "
-    help_text += "minutes at most, a table to send in a report"
-    command.add_argument("--verify", metavar="INDEX", nargs="?", const=-1, type=int, help=help_text)
 
 
 def run(options: argparse.Namespace) -> None:

@@ -5,33 +5,14 @@ from pathlib import Path
 
 from vrte import __version__
 from vrte.basics.errors import SceneError
-from vrte.commands.common import PICTURES, Parser, check_extra, label_errors, show_progress, write
+from vrte.commands.common import PICTURES, check_extra, label_errors, show_progress, write
 from vrte.fit.files import read_fit
-from vrte.fit.problem import JACOBIANS, MOST_STARTS
 from vrte.fit.result import Fit
 from vrte.fit.run import fit
 from vrte.fit.verdict import Profile
 from vrte.pictures.figures import save_figure
 
 OUTPUTS = (".html", ".json", ".toml", *PICTURES)
-
-
-def add(command: Parser) -> None:
-    """The arguments of `vrte fit`."""
-    command.take("file FILE.toml", "a scene file with a table [fit]")
-    help_text = (
-        "any number of times: .html a page, .toml the fitted scene, .json all of it, .png (.svg, .pdf) a picture"
-    )
-    command.take("-o --output OUT", help_text, suffixes=OUTPUTS, action="append", default=[])
-    command.take("--plot OUT.png", "a picture, as -o OUT.png", suffixes=PICTURES)
-    command.take("--resume STATE", "notes after each step how far it is, and goes on from there")
-    command.outputs["resume"] = ()
-    help_text = "also how chi2 rises along this free number, all others fitted anew; any number of times"
-    command.take("--profile NAME", help_text, action="append", default=[])
-    help_text = "how many, spread over the bounds; default: 1, the scene as it is"
-    command.take("--starts N", help_text, limits=(1, MOST_STARTS))
-    command.take("--jacobian", "how derivatives are found; default: exact", choices=JACOBIANS)
-    command.take_options("nodes", "accuracy", "threads")
 
 
 def check(options: argparse.Namespace) -> None:

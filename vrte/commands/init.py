@@ -6,17 +6,10 @@ import shlex
 from pathlib import Path
 
 from vrte.basics.errors import SceneError
-from vrte.commands.common import STARTERS, Parser, write
+from vrte.commands.common import STARTERS, write
 from vrte.formats.atomic import write_text
 
 FOLDER = Path(__file__).parents[1] / "starters"
-
-
-def add(command: Parser) -> None:
-    """The arguments of `vrte init`."""
-    command.take("kind KIND", "what the scene is of", nargs="?", choices=tuple(STARTERS), metavar=None)
-    command.take("-o --output OUT.toml", "default: KIND.toml, here")
-    command.take("--force", "writes over a file that is there")
 
 
 def check(options: argparse.Namespace) -> None:

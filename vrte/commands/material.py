@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.errors import SceneError
-from vrte.commands.common import PICTURES, Parser, show_progress, write
+from vrte.commands.common import show_progress, write
 from vrte.formats.atomic import write_text
 from vrte.formats.columns import read_index, write_table
 from vrte.formats.materials import SUFFIX, ReadyMaterial, choose_material, expand_materials, find_material
@@ -29,22 +29,6 @@ PER_LENGTH = ("extinction_per_um", "transport_um")
 OPTIONS = ("wavelength_um", "wavelengths_um", "range_um", "radius_um", "host_index", "output", "plot", "scene")
 Columns = dict[str, list[float]]
 Groups = Sequence[tuple[str, tuple[str, ...]]]  # of columns that are drawn together, with a title
-
-
-def add(command: Parser) -> None:
-    """The arguments of `vrte material`."""
-    help_text = 'a name, a path in the database such as "main/Au/Johnson", or a .csv of your own (wavelength_um,n,k); '
-    command.take("name NAME", f"{help_text}or a ready material (`vrte materials`), or a .toml of your own", nargs="?")
-    where = command.add_mutually_exclusive_group()
-    command.take("--wavelength-um UM", "wavelength in vacuum [micrometres]", group=where)
-    command.take("--wavelengths-um UM,UM,...", "ascending: a table", group=where)
-    help_text = "so many, evenly from LOW to HIGH: a table"
-    command.take("--range-um LOW:HIGH:COUNT", help_text, type=read_range, group=where)
-    command.take("--radius-um UM", "of spheres: albedo, g, cross sections too")
-    command.take("--host-index X", "around the spheres; default: 1")
-    command.take("-o --output OUT.csv", "the table, every digit")
-    command.take("--plot OUT.png", "a picture; .svg and .pdf too", suffixes=PICTURES)
-    command.take("--scene OUT.toml", "of a ready material: a scene file to begin with")
 
 
 def read_range(text: str) -> list[float]:

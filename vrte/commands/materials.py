@@ -2,17 +2,9 @@
 
 import argparse
 
-from vrte.commands.common import PICTURES, Parser, check_extra, show_progress, write
+from vrte.commands.common import check_extra, show_progress, write
 from vrte.formats.materials import list_materials
 from vrte.pictures.figures import save_figure
-from vrte.render.sky import FEWEST, MOST
-
-
-def add(command: Parser) -> None:
-    """The arguments of `vrte materials`."""
-    command.take("-o --output OUT.png", "a card of each; .svg and .pdf too", suffixes=PICTURES)
-    help_text = f"from 0.4 to 0.7 um; default: {FEWEST}"
-    command.take("--wavelengths N", help_text, limits=(FEWEST, MOST), default=FEWEST)
 
 
 def check(options: argparse.Namespace) -> None:

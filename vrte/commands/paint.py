@@ -3,22 +3,9 @@
 import argparse
 from pathlib import Path
 
-from vrte.commands.common import Parser, check_extra, label_errors, show_progress, write
+from vrte.commands.common import check_extra, label_errors, show_progress, write
 
 OPTIONS = ("illuminant", "observer", "layer", "accuracy", "nodes")
-
-
-def add(command: Parser) -> None:
-    """The arguments of `vrte paint`."""
-    command.take("scene PAINT.toml", "with a table [paint], or any other scene")
-    command.take("-o --output OUT.html", "the page; default: PAINT.html, here")
-    command.take("--png OUT.png", "its pictures on one sheet")
-    command.take("--csv OUT.csv", "all numbers, one a row")
-    command.take("--wavelengths-um UM,UM,...", "over the visible")
-    command.take("--illuminant NAME", "of colours; default: D65", default="D65")
-    command.take("--observer", "degrees; default: 10", type=int, choices=(2, 10), default=10)
-    command.take("--layer N", "which layer is the film, counted from 1", type=int)
-    command.take_options("accuracy", "nodes")
 
 
 def check(options: argparse.Namespace) -> None:

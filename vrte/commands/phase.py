@@ -4,10 +4,10 @@ import argparse
 from pathlib import Path
 
 from vrte.basics.errors import SceneError
-from vrte.commands.common import PICTURES, Parser, write
+from vrte.commands.common import write
 from vrte.formats.columns import write_coefficients
-from vrte.formats.scattering import CSV, read_angle_table, read_scattering
-from vrte.optics.angle_tables import EXTRAPOLATE, describe_expansion
+from vrte.formats.scattering import read_angle_table, read_scattering
+from vrte.optics.angle_tables import describe_expansion
 from vrte.optics.convention_card import CARD_DEG, INDEX, RADIUS_UM, WAVELENGTH_UM, recognise_convention, tabulate_card
 from vrte.optics.conventions import CONVENTIONS
 from vrte.optics.phase_matrix import PhaseMatrix
@@ -16,22 +16,6 @@ from vrte.pictures.figures import save_figure
 OF_FILES = ("wavelength_um", "effective_radius_um", "humidity_percent")  # with several
 OPTIONS = ("convention", "normalise", "spheres", "ends", "accuracy", "tolerance", *OF_FILES)
 EXCLUDED = (*OPTIONS, "output", "plot")  # by --recognise
-
-
-def add(command: Parser) -> None:
-    """The arguments of `vrte phase`."""
-    command.take("file FILE", "a .csv with named columns, or NetCDF (.nc, .cdf)", nargs="?")
-    command.take("--convention", "signs, ratios and scale; default: the file's", choices=tuple(CONVENTIONS))
-    command.take("--normalise", "divide by the integral, whatever it is", default=None)
-    command.take("--spheres", "F22 = F11 and F44 = F33, left out", default=None)
-    command.take("--ends", "where the angles do not reach 0 and 180 degrees", choices=(EXTRAPOLATE,))
-    command.take("--accuracy X", "error of the expansion over F11")
-    command.take("--tolerance X", "how far below zero eigenvalues may be")
-    for typed in ("--wavelength-um UM", "--effective-radius-um UM", "--humidity-percent X"):
-        command.take(typed, "of a NetCDF file with several")
-    command.take("--recognise", "which convention the file is in: a code's numbers for the sphere below", default=None)
-    command.take("-o --output OUT.csv", "the coefficients, as scene files take them", suffixes=(CSV,))
-    command.take("--plot OUT.png", "the expansion over the table; .svg and .pdf too", suffixes=PICTURES)
 
 
 def check(options: argparse.Namespace) -> None:

@@ -5,24 +5,14 @@ from dataclasses import replace
 from typing import Any
 
 from vrte.basics.errors import SceneError
-from vrte.commands.common import Parser, check_extra, join_progress, say_written, show_progress
+from vrte.commands.common import check_extra, join_progress, say_written, show_progress
 from vrte.render.geometry import SUFFIXES
-from vrte.render.rendering import LARGEST_SIZE, OBJECTS, SMALLEST_SIZE, SPHERE, check_object, read
-from vrte.render.sky import FEWEST, MOST
+from vrte.render.rendering import OBJECTS, SPHERE, check_object, read
 
-
-def add(command: Parser) -> None:
-    """The arguments of `vrte render`."""
-    command.take("scenes SCENE.toml", "a picture each", nargs="+")
-    command.take("-o --output OUT.png", "the picture", required=True)
-    help_text = f"one for all scenes, or one for each: {', '.join(OBJECTS)}, or a mesh ({', '.join(SUFFIXES)}); "
-    command.take("--object NAME|FILE,...", f"{help_text}default: what each file says, or {SPHERE}")
-    command.take("--size PIXELS", "of a picture's side", limits=(SMALLEST_SIZE, LARGEST_SIZE))
-    command.take("--wavelengths N", f"from 0.4 to 0.7 um; default: {FEWEST}", limits=(FEWEST, MOST))
-    command.take("--together", "one picture, all objects beside each other, above its polarization")
-    kind = command.add_mutually_exclusive_group()
-    command.take("--colour-only", "no polarization, no text, transparent around spheres", group=kind)
-    command.take("--sheet", "beside each picture its lobes at mu_i = 0.6 and 1, at 0.64 um", group=kind)
+OF_OBJECTS = (
+    f"one for all scenes, or one for each: {', '.join(OBJECTS)}, or a mesh ({', '.join(SUFFIXES)}); default: what each "
+    f"file says, or {SPHERE}"
+)
 
 
 def check(options: argparse.Namespace) -> None:

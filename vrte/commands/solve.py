@@ -16,7 +16,7 @@ from vrte.calls.brdf import brdf
 from vrte.calls.mitsuba import check_nested, write_table
 from vrte.calls.radiance import radiance
 from vrte.calls.spectrum import prepare_scenes, solve_spectrum, vary_files
-from vrte.commands.common import PICTURES, Parser, label_errors, say_written, show_progress
+from vrte.commands.common import label_errors, say_written, show_progress
 from vrte.formats import measured_polarized as mitsuba
 from vrte.formats import result_file
 from vrte.formats.contents import Result
@@ -24,7 +24,6 @@ from vrte.formats.result_file import write_csv
 from vrte.formats.scene_family import SceneFamily
 from vrte.formats.scene_file import SceneFile, read_content, read_listed_wavelengths, read_scene
 from vrte.request.how import EXACT, OPTIONS
-from vrte.request.request import SIDES
 from vrte.results.brdf import Brdf, Spectrum, add_scene_text, check_ascending
 from vrte.results.field import Field
 from vrte.results.over_hemisphere import check_directions
@@ -151,36 +150,6 @@ def print_times(clock: dict[str, dict[str, float]], result: Result) -> None:
 HOW = tuple(name for name in OPTIONS if name != "settings")  # options that win over the scene file
 
 
-def add(command: Parser) -> None:
-    """The arguments of `vrte brdf` and of `vrte field`."""
-    kind = command.prog.split()[-1]
-    command.epilog = "What is said here wins over the scene file."
-    command.set_defaults(kind=kind, wavelengths_um=None, mitsuba=None)
-    command.take("scene SCENE.toml", "what light meets, and what is asked")
-    help_text = ".nc: NetCDF; .csv: a table, which needs no extra; .zarr: Zarr"
-    command.take("-o --output OUT", help_text, suffixes=tuple(result_file.FORMATS))
-    command.take("--csv OUT.csv", "beside -o or alone: one row a direction")
-    command.take("--plot OUT.png", "a picture; .svg and .pdf too", suffixes=PICTURES)
-    command.take_options(*HOW)
-    help_text = "also how all changes with this number of the scene, such as layer[1].thickness; any number of times"
-    command.take("--derivative NAME", help_text, dest="derivatives", action="append", default=[])
-    help_text = "a setting of the method, any number of times"
-    command.take("--set NAME=VALUE", help_text, type=read_setting, action="append", default=[])
-    if kind == "field":
-        help_text = "of an interface, for depths tau at one; default: above, so that 0 is outside"
-        command.take("--side", help_text, choices=SIDES)
-        return
-    help_text = "ascending; they win over the scene file, and particles are worked out anew at each"
-    command.take("--wavelengths-um UM,UM,...", help_text)
-    command.take("--mitsuba OUT.bsdf", "a table for Mitsuba 3, measured_polarized, of exactly five wavelengths")
-    help_text = f"step of its angles theta; default: {mitsuba.STEP:g}"
-    command.take("--mitsuba-step-deg DEG", help_text, default=mitsuba.STEP)
-    help_text = (
-        "the table of what lies below the smooth surface on top, and OUT.xml with Mitsuba's own surface above it"
-    )
-    command.take("--mitsuba-nested", help_text)
-
-
 def read_setting(text: str) -> tuple[str, Any]:
     """Name and value of a method's setting: a number where it is one, otherwise a word.
 
@@ -198,6 +167,8 @@ def read_setting(text: str) -> tuple[str, Any]:
 
 def check(options: argparse.Namespace) -> None:
     """Whether options go together and something is written; wavelengths from the file. Raises SceneError."""
+    for name in ("wavelengths_um", "mitsuba"):  # which `vrte field` does not have
+        vars(options).setdefault(name, None)
     if not (options.output or options.csv or options.plot or options.mitsuba):
         raise SceneError("nothing to write: -o, --csv or --plot names a file for the result")
     if options.kind == "field":

@@ -8,38 +8,17 @@ import numpy as np
 
 from vrte import __version__
 from vrte.basics.errors import SceneError, SweepError
-from vrte.commands.common import Parser, check_extra, make_option_reader, say_written, show_progress
+from vrte.commands.common import check_extra, make_option_reader, say_written, show_progress
 from vrte.sweep import sweep
-from vrte.sweep.engines import ENGINES
-from vrte.sweep.page.writing import SUFFIX as PAGE_SUFFIX
 from vrte.sweep.page.writing import check_sweep_for_page, save_page
-from vrte.sweep.run import MOST_WORKERS
-from vrte.sweep.table import SUFFIXES
 from vrte.sweep.template import read_sweep
 
 if TYPE_CHECKING:
     import xarray
 
 MOST_NAMED = 3  # failures that --strict names
+read_time_limit = make_option_reader("time_limit_s")
 HOW = ("engine", "scheduler", "workers", "chunk", "time_limit_s", "precision")
-
-
-def add(command: Parser) -> None:
-    """The arguments of `vrte sweep`."""
-    command.take("file SWEEP.toml", "a scene file with a table [axes]")
-    help_text = ".zarr for large tables, or .nc"
-    command.take("-o --output OUT.zarr", help_text, suffixes=SUFFIXES, required=True)
-    command.take("--engine", "what computes; default: threads", choices=ENGINES, default="threads")
-    command.take("--scheduler ADDRESS", "of a Dask cluster; default: one on this machine")
-    help_text = "cores, or Dask worker processes; default: all that may be used"
-    command.take("--workers N", help_text, limits=(1, MOST_WORKERS))
-    command.take("--chunk N", "scenes that are computed and written together", limits=(1, 10**6))
-    help_text = "refuse what is predicted to take longer in all; default: none"
-    command.take("--time-limit-s X", help_text, type=make_option_reader("time_limit_s"))
-    command.take_options("precision")
-    help_text = "also a page with the lobes to turn around in any browser: one file that needs no network"
-    command.take("--page OUT.html", help_text, suffixes=(PAGE_SUFFIX,))
-    command.take("--strict", "a failure (exit code 1) where any scene has no result")
 
 
 def check(options: argparse.Namespace) -> None:

@@ -7,7 +7,7 @@ from signal import SIGTERM
 from typing import Any
 
 from vrte.basics.errors import SceneError
-from vrte.commands.common import Parser, check_extra, label_errors
+from vrte.commands.common import check_extra, label_errors
 
 PORT = 8765
 OPEN = "--open-to-network"
@@ -15,15 +15,6 @@ MEANING = (
     "vrte view: other machines can reach this page: whoever has its address may use it, see what it holds and keep the "
     "machine's processors and memory busy; nothing is encrypted, so whoever listens on the way has the address, too"
 )
-
-
-def add(command: Parser) -> None:
-    """The arguments of `vrte view`."""
-    command.take("file FILE", "a scene (.toml) or a result (.nc, .csv)", nargs="?")
-    command.take("--host HOST", "where to listen; default: 127.0.0.1, this machine alone", default="127.0.0.1")
-    command.take(OPEN, "with a --host that other machines reach: whoever has the address may come in")
-    command.take("--port PORT", f"0: a free one; default: {PORT}", limits=(0, 65535), default=PORT)
-    command.take("--no-browser", "opens none, only prints the address")
 
 
 def check(options: argparse.Namespace) -> None:
