@@ -25,7 +25,7 @@ import vrte
 from vrte.basics.errors import SceneError
 from vrte.basics.running import count_usable_cpus
 from vrte.cli import main
-from vrte.commands.common import Parser, join_progress, say_written, show_progress
+from vrte.commands.common import Parser, join_progress, report_written, show_progress
 from vrte.formats.atomic import write_atomically
 from vrte.pictures.describe import BLUE, FAINT, GREEN, ORANGE, PURPLE, RED
 
@@ -106,7 +106,7 @@ def carry_out(study: Study[Any, Any, Any], output: Path | None, fresh: bool = Fa
     print("\n".join(filter(None, [study.describe(rows), f"  {busy}"])))
     if output is not None:
         for path in study.page(rows, folder, "; ".join(filter(None, [study.settings, busy]))):
-            say_written(path)
+            report_written(path)
     study.require(rows)
 
 

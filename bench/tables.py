@@ -360,7 +360,7 @@ The same OpenBLAS twice: baseline SIMD is `OPENBLAS_CORETYPE=Prescott`, in a pro
 are the same in both. "On the OpenCL device" are products and inverses of all orders at once. No eigensolver runs there,
 so 3 and 6 solve without eigenvectors (`algorithm="auto"`: impedance doubling, or invariance where only the top of
 something very thick is seen); 1, 2, 4, 5 and the OpenMP rows solve by `algorithm="modes"`, as the paper does.
-`default` is a call that is told nothing but directions, nodes and threads: OpenMP, and the algorithm of its own rule.
+`default` is a call with no options but directions, nodes and threads: OpenMP, and the algorithm of its own rule.
 """
 TABLE_NOTE = f"""\
 Written by `python -m bench.tables`; docs/reference/tables.md says what is measured and how. Medians of the rounds;

@@ -17,7 +17,7 @@ from vrte.calls import versions
 from vrte.cl import device
 from vrte.commands import common
 from vrte.commands.common import Parser, make_parser
-from vrte.commands.init import FOLDER, tell_next
+from vrte.commands.init import FOLDER, suggest_next
 from vrte.formats.scene_file import FILE_KEYS, read_scene
 
 from .helpers import run
@@ -80,7 +80,7 @@ class TestInit:
         assert words_of(reported.removeprefix("next: "))[1] == str(path)
         assert read_scene(path).kind == "brdf"
         monkeypatch.setattr("vrte.commands.init.importlib.util.find_spec", lambda name: None)
-        assert tell_next("cloud", Path("my cloud.toml")) == "vrte field 'my cloud.toml' -o 'my cloud.csv'"
+        assert suggest_next("cloud", Path("my cloud.toml")) == "vrte field 'my cloud.toml' -o 'my cloud.csv'"
 
 
 class TestExamples:

@@ -79,11 +79,11 @@ def main(arguments: Sequence[str] | None = None, parser: Parser | None = None) -
 
 
 def _answer(error: BaseException) -> int:
-    """One line on what went wrong, and the exit code; what nobody has foreseen is raised again."""
+    """One line on what went wrong, and the exit code; an unforeseen error is raised again."""
     if isinstance(error, OSError):
         _release(sys.stdout)
     if isinstance(error, BrokenPipeError):
-        return 1  # whoever read our output has gone: nobody is left to tell
+        return 1  # the reader of standard output has gone
     if isinstance(error, KeyboardInterrupt):
         return _complain(WORDS[signal.SIGINT], 128 + signal.SIGINT)
     if isinstance(error, (SceneError, AccuracyError, DeviceError, MissingExtraError, SweepError, OSError)):
@@ -113,8 +113,8 @@ def _complain(message: str, code: int) -> int:
 def _catch_signals() -> Iterator[list[signal.Signals]]:
     """Lets the first SIGINT or SIGTERM unwind the stack, so that half-written files go; yields those that came.
 
-    From then on what libraries say of being stopped is no news. A second signal, a while later, ends the process at
-    once. Only a main thread may ask for that.
+    Messages of libraries about the interrupt are not shown. A second signal, a while later, ends the process at once.
+    Only a main thread may do that.
     """
     came: list[signal.Signals] = []
     if threading.current_thread() is not threading.main_thread():

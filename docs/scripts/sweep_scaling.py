@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.workers import Worker
-from vrte.basics.cost import say_time
+from vrte.basics.cost import format_duration
 
 ROUNDS = 5
 WAVELENGTHS = [0.45, 0.48, 0.51, 0.54, 0.57, 0.6, 0.63, 0.66]
@@ -131,9 +131,8 @@ def report(taken: dict[str, list[float]]) -> str:
     for machines in MACHINES:
         seconds = MILLION * cost / (machines * CORES * scaling)
         rate, total = MILLION * size / seconds, MILLION * size
-        lines.append(
-            f"| {machines} | {machines * CORES} | {say_time(seconds)} | {rate / 1e6:,.1f} MB | {total / 1e9:,.0f} GB |"
-        )
+        took = format_duration(seconds)
+        lines.append(f"| {machines} | {machines * CORES} | {took} | {rate / 1e6:,.1f} MB | {total / 1e9:,.0f} GB |")
     return "\n".join(lines)
 
 

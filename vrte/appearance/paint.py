@@ -332,7 +332,7 @@ def write_pairs(table: Mapping[str, Any]) -> str:
 
 
 def list_approximations(content: dict[str, Any], colour: Colour) -> Iterator[str]:
-    """What a page has to say of its numbers: the file's own words, and what holds of all."""
+    """The notes of a page: those of the file, and those that hold for all paints."""
     given = content.get("approximations", [])
     yield from [given] if isinstance(given, str) else given
     for layer in expand_content(content).get("layer", ()):

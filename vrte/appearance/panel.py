@@ -31,7 +31,7 @@ from vrte.scene.scene import Scene
 VISIBLE = 0.40, 0.70  # [um], as far as the substances are known
 WAVELENGTHS = 16  # by default
 ACCURACY = 1e-4  # of each reflectance: below what any instrument shows
-NOT_ASKED = ("brdf", "field", "render")  # tables of a scene file that say what others are to do with it
+NOT_ASKED = ("brdf", "field", "render")  # tables of a scene file for other calls
 FIXED = ("mu_i", "mu_o", "phi", "illuminate", "transmission", "threads", "progress", "time_limit_s")  # the panel's own
 
 

@@ -204,7 +204,7 @@ def find_kubelka_munk(
 
 
 def choose_share(name: str, given: Any, found: Array) -> Array:
-    """A share of the surface's as somebody given it, one for all wavelengths or one each, or else as it was found."""
+    """A share of the surface's as given, one for all wavelengths or one each, or else as it was found."""
     if given is None:
         return found
     shares = km.check_share(name, given)

@@ -123,7 +123,7 @@ def check_choice(name: str, value: Any, allowed: Iterable[str]) -> str:
 
 
 def check_flag(name: str, value: Any) -> bool:
-    """True or False, and nothing that merely counts as such."""
+    """True or False; numbers such as 0 and 1 are refused."""
     if not isinstance(value, (bool, np.bool_)):
         raise SceneError.of(name, f"must be True or False, not {show_value(value)}")
     return bool(value)
@@ -175,7 +175,7 @@ def _read_real_object(value: Any) -> float:
 
 
 def count_items(value: Any) -> int:
-    """Number of items, 1 for what has none or does not tell."""
+    """Number of items, 1 for an object without a length."""
     try:
         return len(value)
     except Exception:

@@ -75,17 +75,18 @@ OVERHEAD = 3e5  # overhead of a call of NumPy
 
 
 def warn_runtime(seconds: float, limit: float, why: str, change: str, warned: bool = False) -> None:
-    """Says what will take long, unless the user was ``warned``. Raises SceneError beyond the limit in seconds."""
+    """Warns of a long solve, unless the user was ``warned``. Raises SceneError beyond the limit in seconds."""
     if seconds <= min(LONG, limit):
         return
-    words = f"this will take about {say_time(seconds)}{why}; {change}"
+    words = f"this will take about {format_duration(seconds)}{why}; {change}"
     if seconds > limit:
-        raise SceneError(f"{words}, or go on with time_limit_s above its {say_time(limit)} (math.inf for no limit)")
+        most = format_duration(limit)
+        raise SceneError(f"{words}, or go on with time_limit_s above its {most} (math.inf for no limit)")
     if not warned:
         warn_user(words, LongSolveWarning)
 
 
-def say_time(seconds: float) -> str:
+def format_duration(seconds: float) -> str:
     """A time that is only roughly known, in s, min, h or days."""
     if seconds < 100.0 or not math.isfinite(seconds):
         return f"{seconds:.0f} s"

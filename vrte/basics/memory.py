@@ -55,7 +55,7 @@ def find_address_bytes() -> float:
 
 
 def find_machine_bytes() -> float:
-    """Memory of the machine that can be had, infinite where it does not tell."""
+    """Available memory of the machine, infinite where it is unknown."""
     with suppress(OSError, KeyError, ValueError):
         lines = dict(line.split(":", 1) for line in Path("/proc/meminfo").read_text().splitlines())
         return 1024.0 * float(lines["MemAvailable"].split()[0])

@@ -91,12 +91,12 @@ def make_brdf(request: Request, solution: Solution, derivatives: Sequence[Deriva
         surface = find_rough_reflection(scene, request.mu0, mu_o, request.phi, start_run(1))
         arrays["surface"] = mirror_mueller(surface) if is_turned else surface
     found = {"illuminate": request.illuminate, "index_outside": scene.index_below if is_turned else scene.index_above}
-    told = note_energy(request, solution) | found
+    diagnostics = note_energy(request, solution) | found
     if not derivatives:  # the arrays fit together
         arrays |= {"mu_i": request.mu0, "mu_o": mu_o, "phi": request.phi}
         frozen = {name: each if is_readonly(each) else freeze_copy(each) for name, each in arrays.items()}
-        return make_readonly_brdf(lambda: told, **frozen)
-    return Brdf(mu_i=request.mu0, mu_o=mu_o, phi=request.phi, diagnostics=told, **arrays, **jacobians)
+        return make_readonly_brdf(lambda: diagnostics, **frozen)
+    return Brdf(mu_i=request.mu0, mu_o=mu_o, phi=request.phi, diagnostics=diagnostics, **arrays, **jacobians)
 
 
 def gather_arrays(request: Request, solution: Solution) -> dict[str, Array]:

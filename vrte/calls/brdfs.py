@@ -152,9 +152,9 @@ def solve_batch(requests: Sequence[Request], indices: list[int], run: Run) -> di
     if asked.kind != "brdf":
         results = {}
         for k in right:
-            told = {name: float(values[k]) for name, values in residuals.items()}
+            own = {name: float(values[k]) for name, values in residuals.items()}
             up, down = found.flux_up[k : k + 1], found.flux_down[k : k + 1]
-            light = Solution([part[k : k + 1] for part in parts], up, down, found.diagnostics | told | shared)
+            light = Solution([part[k : k + 1] for part in parts], up, down, found.diagnostics | own | shared)
             results[indices[k]] = make_field(requests[indices[k]], plan.mu, light)
         return results
     carried = count_terms_carried(scenes[0], plan.problem.nodes.size)
@@ -282,7 +282,7 @@ def run_side_by_side(
 
 def solve_side_by_side(requests: Sequence[Request], progress: Progress | None = None) -> list[Any]:
     """A Brdf or a Field, by their kind, of requests of one thread each that differ in their scenes alone, their methods
-    named: scenes that are alike together; how long they take was said."""
+    named: scenes that are alike together; the user was warned of their time."""
     share = _share.get()
     stop = share.stop if share else np.zeros(1, np.int32)
     cores = share.cores if share else count_usable_cpus()
@@ -314,7 +314,7 @@ def solve_side_by_side(requests: Sequence[Request], progress: Progress | None = 
 
 
 def solve_one(request: Request, run: Run) -> Brdf | Field:
-    """What a request of either kind asks."""
+    """The result of a request of either kind."""
     mu, solution = solve_request(request, run)
     return make_brdf(request, solution) if request.kind == "brdf" else make_field(request, mu, solution)
 

@@ -224,7 +224,7 @@ def find_light(
     progress: Progress | None = None,
     runtime_warned: bool = False,
 ) -> tuple[Array, Solution, list[Derivative]]:
-    """As `solve_with_derivatives`, in a run of its own; ``runtime_warned``: how long it takes was said."""
+    """As `solve_with_derivatives`, in a run of its own; ``runtime_warned``: no second warning of a long solve."""
     run = make_run(request)
     run.runtime_warned = runtime_warned
     return run_interruptible(run, lambda: solve_with_derivatives(request, variations, run, progress))
@@ -233,14 +233,14 @@ def find_light(
 def solve_with_derivatives(
     request: Request, variations: Sequence[Variation], run: Run, progress: Progress | None = None
 ) -> tuple[Array, Solution, list[Derivative]]:
-    """The cosines and the solution of a request with its method named, as without derivatives, and these."""
+    """The cosines, the solution (the same as without derivatives) and the derivatives of a request."""
     if not variations:
         return *solve_request(request, run, progress), []
     check_differentiable(request)
     parts = 1 + len(variations)
     directions, solution = solve_request(request, run, share_progress(progress, 0, parts))
 
-    def tell(done: int, total: int) -> None:
+    def report(done: int, total: int) -> None:
         assert progress is not None
         progress(100 + (100 * (parts - 1) * done) // max(total, 1), 100 * parts)
 
@@ -249,7 +249,7 @@ def solve_with_derivatives(
         chosen = {name: made[name] for name in ("nodes", "grading", "nodes_rule")}
         nodes = replace(request, refined=True, **chosen)
     plan = plan_request(nodes, run)
-    found = differentiate(plan, variations, run, tell if progress else None, count_orders_found(made))
+    found = differentiate(plan, variations, run, report if progress else None, count_orders_found(made))
     how = {"derivatives": {one.variation.name: one.how for one in found}}
     return directions, replace(solution, diagnostics=made | how), found
 

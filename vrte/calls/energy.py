@@ -26,8 +26,8 @@ MUCH = 2.0  # times the light that falls on them: facets that send on more are w
 
 def note_energy(request: Request, solution: Solution) -> dict[str, Any]:
     """The diagnostics of a solution, with a note, and no promise, where its light does not balance."""
-    told, notes = solution.diagnostics, list_notes(request, find_net_fluxes(request, solution))
-    return told | {"promised": False, "notes": [*told.get("notes", ()), *notes]} if notes else told
+    found, notes = solution.diagnostics, list_notes(request, find_net_fluxes(request, solution))
+    return found | {"promised": False, "notes": [*found.get("notes", ()), *notes]} if notes else found
 
 
 def find_net_fluxes(request: Request, solution: Solution) -> Array:

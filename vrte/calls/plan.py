@@ -95,7 +95,7 @@ def warn_runtime_of_all(
 
     ``asked_at``: the request at a place, and the seconds that its particles took; ``what`` they are;
     ``limit`` in seconds, by default that of the requests; ``beside``: seconds of other work; ``workers`` share all of
-    it. What cannot be asked is passed over: it will say so itself. Raises SceneError beyond the limit.
+    it. Requests that are not valid are passed over: their own calls raise. Raises SceneError beyond the limit.
     """
     if count < 2:
         return False

@@ -90,10 +90,10 @@ class Parser(argparse.ArgumentParser):
     def format_help(self) -> str:
         lines = [f"  {line}\n      {purpose}\n" for line, purpose in self.examples]
         more = f"\nmore: {locate_page(self.page)}\n" if self.page else ""
-        return f"{super().format_help()}\n{self.heading}{self.tell_files()}:\n{''.join(lines)}{more}"
+        return f"{super().format_help()}\n{self.heading}{self.list_sources()}:\n{''.join(lines)}{more}"
 
-    def tell_files(self) -> str:
-        """Where the scene files of the examples come from."""
+    def list_sources(self) -> str:
+        """The sources of the examples' scene files, for help."""
         words = [word for line, _ in self.examples for word in line.split() if "vrte init" not in line]
         notes = [f"`vrte init {kind}` writes {kind}.toml" for kind in STARTERS if f"{kind}.toml" in words]
         notes += ["examples/ is in the source tree"] if any(word.startswith("examples/") for word in words) else []
@@ -271,11 +271,11 @@ def write(path: Path | None, writer: Callable[[Path], object]) -> None:
     """Writes a file, where one is asked for, and says so."""
     if path is not None:
         writer(path)
-        say_written(path)
+        report_written(path)
 
 
-def say_written(path: Path) -> None:
-    """One line a file."""
+def report_written(path: Path) -> None:
+    """Prints the path of a file or folder that was written, and its size."""
     files = [file for file in (path, *path.rglob("*")) if file.is_file()]
     print(f"wrote {path} ({sum(file.stat().st_size for file in files) / 1e3:,.0f} kB)")
 
@@ -323,11 +323,11 @@ def show_progress() -> Iterator[tuple[Callable[[str], None], Tick]]:
 def join_progress(phase: Callable[[str], None], tick: Tick) -> Callable[[int, int, str], None]:
     """One call for both: what begins, and how much is done."""
 
-    def tell(done: int, total: int, name: str) -> None:
+    def report(done: int, total: int, name: str) -> None:
         phase(name)
         tick(done, total)
 
-    return tell
+    return report
 
 
 TOUR = (

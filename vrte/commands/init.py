@@ -31,15 +31,15 @@ def run(options: argparse.Namespace) -> None:
         return
     starter = (FOLDER / f"{options.kind}.toml").read_text("utf-8")
     write(options.output, lambda path: write_text(starter, path))
-    print(f"next: {tell_next(options.kind, options.output)}")
+    print(f"next: {suggest_next(options.kind, options.output)}")
     print(f"in a browser: {shlex.join(['vrte', 'view', str(options.output)])}")
 
 
-def tell_next(kind: str, path: Path) -> str:
-    """The command that solves a scene file: into a picture, or a table where no picture can be made; of a paint into a
-    page, which has its own name without being told.
+def suggest_next(kind: str, path: Path) -> str:
+    """The command that solves a scene file: into a picture, or a table without
+    matplotlib; a paint into its page, whose name needs no option.
 
-    >>> tell_next("cloud", Path("cloud.toml")).split(" --")[0]
+    >>> suggest_next("cloud", Path("cloud.toml")).split(" --")[0]
     'vrte field cloud.toml'
     """
     draws = importlib.util.find_spec("matplotlib") is not None

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 from vrte.basics.errors import SceneError
-from vrte.commands.common import check_extra, join_progress, say_written, show_progress
+from vrte.commands.common import check_extra, join_progress, report_written, show_progress
 from vrte.render.geometry import SUFFIXES
 from vrte.render.rendering import OBJECTS, SPHERE, check_object, read
 
@@ -37,13 +37,13 @@ def run(options: argparse.Namespace) -> None:
 
     with show_progress() as (phase, tick):
         phase("colours")
-        tell = join_progress(phase, tick)
-        renderings = compute_pictures(materials, setting, tell, together=options.together)
+        report = join_progress(phase, tick)
+        renderings = compute_pictures(materials, setting, report, together=options.together)
         phase("picture")
         if options.colour_only:
             picture.save_colours(renderings, options.output)
         elif options.sheet:
-            save(picture.draw_sheet(renderings, setting, tell), options.output, few_colours=False)
+            save(picture.draw_sheet(renderings, setting, report), options.output, few_colours=False)
         elif options.together:
             save(picture.draw_row(renderings[0], setting), options.output, few_colours=False)
         else:
@@ -51,7 +51,7 @@ def run(options: argparse.Namespace) -> None:
     for rendering in renderings:
         for material, error in zip(rendering.materials, rendering.errors, strict=True):
             print(f"  {material.title}: {describe_picture(material, error)}")
-    say_written(options.output)
+    report_written(options.output)
 
 
 def read_object(name: str) -> str:

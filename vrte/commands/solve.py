@@ -16,7 +16,7 @@ from vrte.calls.brdf import brdf
 from vrte.calls.mitsuba import check_nested, write_table
 from vrte.calls.radiance import radiance
 from vrte.calls.spectrum import prepare_scenes, solve_spectrum, vary_files
-from vrte.commands.common import label_errors, say_written, show_progress
+from vrte.commands.common import label_errors, report_written, show_progress
 from vrte.formats import measured_polarized as mitsuba
 from vrte.formats import result_file
 from vrte.formats.contents import Result
@@ -217,7 +217,7 @@ def run(options: argparse.Namespace) -> None:
         print(f"  Mitsuba's table: {note}")
     print_times(clock.stages, result)
     for path in paths:
-        say_written(path)
+        report_written(path)
 
 
 def prepare(

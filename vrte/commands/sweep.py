@@ -8,7 +8,7 @@ import numpy as np
 
 from vrte import __version__
 from vrte.basics.errors import SceneError, SweepError
-from vrte.commands.common import check_extra, make_option_reader, say_written, show_progress
+from vrte.commands.common import check_extra, make_option_reader, report_written, show_progress
 from vrte.sweep import sweep
 from vrte.sweep.page.writing import check_sweep_for_page, save_page
 from vrte.sweep.template import read_sweep
@@ -41,7 +41,7 @@ def run(options: argparse.Namespace) -> None:
     print(f"vrte {__version__}: sweep of {options.file}")
     print(f"  {errors.size} scenes ({lengths}){without}, {time.monotonic() - start:.1f} s")
     print(f"  {', '.join(name for name in map(str, table.data_vars) if name != 'error')}")
-    say_written(options.output)
+    report_written(options.output)
     if failed == errors.size:
         raise SceneError(f"all scenes failed; the first: {errors.values.flat[0]}")
     if failed and options.strict:
@@ -49,7 +49,7 @@ def run(options: argparse.Namespace) -> None:
         raise SweepError(f"{options.file}: {failed} of {errors.size} scenes failed: {first}")
     if options.page is not None:
         (off,) = save_page({options.file.stem: table}, options.page, folder=options.file.parent).values()
-        say_written(options.page)
+        report_written(options.page)
         print(f"  between its scenes and directions off by at most {100.0 * off.max():.2g} % at {off.size} points")
     table.close()
 

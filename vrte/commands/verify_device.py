@@ -212,13 +212,13 @@ class Verification:
 
 def verify_device(
     index: int | None = None,
-    say: Callable[[str], None] = print,
+    write_line: Callable[[str], None] = print,
     report: Callable[[str], None] = lambda line: None,
     seconds: float = LONGEST,
     wanted: Sequence[str] = (),
 ) -> str:
     """Checks a device of `vrte.cl.device.devices`, by default the one that is taken, within about so many seconds, and
-    says a line of each, for a report; ``report`` gets the name of each when it begins; ``wanted``: names of checks, by
+    writes a line of each; ``report`` gets the name of each when it begins; ``wanted``: names of checks, by
     default all. Returns one sentence where a check did not pass or there was no time for any, otherwise "".
 
     Raises DeviceError where there is no such device or its kernels do not compile.
@@ -233,7 +233,7 @@ def verify_device(
     with device.raise_device_errors():
         opened = open_session(own.handle, precision=own.widest)
     lanes = f"{opened.lanes} work-items share a piece of work"
-    say(f"{describe_machine(own)}; {lanes}\n\n  {'check':52}{'largest difference':>19}{'allowed':>10}{'s':>8}")
+    write_line(f"{describe_machine(own)}; {lanes}\n\n  {'check':52}{'largest difference':>19}{'allowed':>10}{'s':>8}")
     with device.take_device(chosen, opened):
         for name, (allowed, call) in Verification(opened).list_checks().items():
             longest = max((check.seconds for check in checks), default=0.0)
@@ -244,15 +244,15 @@ def verify_device(
                 continue
             report(name)
             checks.append(perform_check(name, allowed, call))
-            say(checks[-1].line)
+            write_line(checks[-1].line)
     launched = {name for twin in (opened, *opened.beside.values()) for name in twin.kernels}
     kernels, failures = set(opened.kernels.types), [check for check in checks if not check.passed]
-    say(f"\n  {len(checks) - len(failures)} of {len(checks)} checks passed")
-    say(f"  {len(kernels & launched)} of {len(kernels)} kernels were launched")
-    say("  " + ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in vars(opened.traffic).items()))
+    write_line(f"\n  {len(checks) - len(failures)} of {len(checks)} checks passed")
+    write_line(f"  {len(kernels & launched)} of {len(kernels)} kernels were launched")
+    write_line("  " + ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in vars(opened.traffic).items()))
     for words, names in (("never launched", sorted(kernels - launched)), ("left out for want of time", left_out)):
         if names:
-            say(f"  {words}: {'; '.join(names)}")
+            write_line(f"  {words}: {'; '.join(names)}")
     return complain_about(own, checks, failures)
 
 

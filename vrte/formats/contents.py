@@ -173,7 +173,7 @@ def convert_to_json(value: Any) -> str:
 
 
 def explain_error(error: Exception) -> str:
-    """What another library says, in one line and not too long."""
+    """The message of another library in one line, cut where it is long."""
     return put_in_one_line(f"{type(error).__name__}: {error}", 200)
 
 

@@ -80,7 +80,7 @@ def list_ready(folder: str, *tables: str) -> dict[str, ReadyMaterial]:
 
 
 def read_ready_file(path: Path, name: str, *tables: str) -> ReadyMaterial:
-    """What the file of a ready material or paint says. Raises SceneError naming the key, OSError."""
+    """The content of the file of a ready material or paint. Raises SceneError naming the key, OSError."""
     file = Table((), parse_toml(read_text(path, LARGEST_FILE)), (*WORDS, *tables))
     for key in tables:
         file.right(key, f"a table [{key}]", lambda value: isinstance(value, dict))

@@ -53,7 +53,7 @@ def read_columns(path: PathName, names: Sequence[str]) -> dict[str, list[Any]]:
 
 
 def check_names(given: Sequence[str], names: Sequence[str]) -> None:
-    """Raises SceneError for an unknown column, and where one is missing without which the others say nothing."""
+    """Raises SceneError for an unknown column, and for a missing one that the others need."""
     for name in given:
         if name not in names:
             raise SceneError(f"the column {name!r} is unknown: there are {', '.join(names)}")

@@ -85,7 +85,7 @@ def create_netcdf(path: PathName) -> Iterator[Any]:
 
 
 class WrittenFile(io.FileIO):
-    """A file for HDF5 to write to. The first ``error`` of the disk is kept: HDF5 crashes where it is told of one."""
+    """A file for HDF5 to write to. The first ``error`` of the disk is kept: HDF5 crashes where a write fails."""
 
     error: OSError | None = None
 
@@ -120,7 +120,7 @@ def read_netcdf(path: PathName, wanted: Collection[str] | None, most_bytes: floa
 
 
 def read_foreign(name: str, wanted: Collection[str] | None, most_bytes: float) -> Stored:
-    """As `read_stored`, in a process of its own, with as much time and memory as such a file can take."""
+    """As `read_stored`, in a process of its own, with limits of time and memory."""
     seconds = PATIENCE + os.path.getsize(name) / SLOWEST
     asked = json.dumps([os.path.abspath(name), wanted and [*wanted], most_bytes, seconds])
     command = [sys.executable, "-c", START.format(path=sys.path)]

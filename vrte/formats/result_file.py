@@ -211,7 +211,7 @@ def hash_content(attributes: Mapping[str, Any], arrays: Mapping[str, Any]) -> st
 
 
 def read_metadata(folder: Path) -> Any:
-    """What a folder says of itself."""
+    """The metadata of a Zarr folder."""
     with open(folder / METADATA, "rb") as file:
         text = file.read(LARGEST_TEXT + 1)
     if len(text) > LARGEST_TEXT:

@@ -1,6 +1,6 @@
 """A scene file (TOML): what light meets, what is asked about it, and which substances and files it names.
 
-Every key is checked before anything is computed; a key that nobody knows is an error, because a mistyped one
+Every key is checked before anything is computed; an unknown key is an error, because a mistyped one
 would silently leave its default in place. Tables of one's own, coefficients and refractive indices, are
 looked for beside the scene file.
 """

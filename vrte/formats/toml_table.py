@@ -1,4 +1,4 @@
-"""A table of a TOML file that knows its own dotted key, so that every complaint names one; values and keys as TOML."""
+"""A table of a TOML file with its own dotted key, which every error names; values and keys as TOML."""
 
 import difflib
 import itertools

@@ -19,7 +19,7 @@ from vrte.request.how import EXACT, Backend
 from vrte.request.request import Request
 from vrte.results.result import NO_LIGHT, Solution
 
-GOOD = 1e-2  # accuracy that nodes are told for where there are too few
+GOOD = 1e-2  # accuracy for which a warning of too few nodes proposes their number
 RUNAWAY = 1e-3  # of the largest light: negative light of rough surfaces beyond is no matter of accuracy
 
 
@@ -66,16 +66,16 @@ def verify_solution(task: Task) -> Answer:
 
 
 def warn_of_negative(request: Request, intensity: Array, diagnostics: Mapping[str, Any]) -> None:
-    """Warns (AccuracyWarning) where light of the exact method is less than nothing, by more than the accuracy of the
-    largest for the same beam, axis 0, and terms of phase matrices are cut; or much less, under a rough surface."""
+    """Warns (AccuracyWarning) of negative intensities of the exact method, of more than the accuracy times the largest
+    of the same beam, axis 0, where terms of phase matrices are cut; or of far larger ones, under a rough surface."""
     if request.method != EXACT or not intensity.size or not (request.scene.is_rough or diagnostics["terms_cut"]):
         return
     each = intensity.reshape(intensity.shape[0], -1)
     least = (each.min(axis=1) / np.maximum(np.abs(each).max(axis=1), NO_LIGHT)).min()
     if request.scene.is_rough and least < -RUNAWAY:
         warn_user(
-            f"light comes out negative, {least:.1g} of the largest: facets without shadowing send back more than they "
-            "get, and what they hold down grows without bound; give the interface shadowing = True",
+            f"light comes out negative, {least:.1g} of the largest: facets without shadowing reflect more light than "
+            "they receive, and multiple reflections diverge; give the interface shadowing = True",
             AccuracyWarning,
         )
         return

@@ -360,6 +360,6 @@ def make_check(make: Callable[..., ParticleKind]) -> Callable[..., Particles]:
 
 
 def refuse_size(what: str, most: float, size: float, radius_um: float) -> SceneError:
-    """The error of particles that are too large, which asks about nanometres."""
+    """The error of particles that are too large, which suggests nanometres."""
     shown = f"a radius of {radius_um:.4g} um: did you mean nanometres, {radius_um / 1e3:.4g} um?"
     return SceneError(f"{what} must be at most {most:g}, not {size:.4g} ({shown})")

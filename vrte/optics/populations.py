@@ -42,7 +42,7 @@ class Population:
 
 
 def count_held_orders(found: Complex) -> Any:
-    """How many orders there are of a_n and b_n (..., 2, orders) without those at the end that hold nothing, (...)."""
+    """The number of orders of a_n and b_n (..., 2, orders) without trailing zeros, (...)."""
     strength = np.abs(found).max(axis=-2)
     holds = strength > NEGLIGIBLE * strength.max(axis=-1, keepdims=True)
     return strength.shape[-1] - np.argmax(holds[..., ::-1], axis=-1)
@@ -132,7 +132,7 @@ def combine_sphere_elements(plus: Array, minus: Array, f12: Array, f34: Array) -
 
 
 def make_phase_matrix(sums: Array) -> PhaseMatrix:
-    """Of what `expand_elements` found, without the terms at the end that hold nothing."""
+    """Coefficients of `expand_elements` without trailing zeros."""
     return PhaseMatrix(*arrange_coefficients(sums[: count_terms(sums, LEFT_OUT)]))
 
 

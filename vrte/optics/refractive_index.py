@@ -81,7 +81,7 @@ class IndexTable:
     source: str = "given"
 
     def __post_init__(self) -> None:
-        # tuples: a table is told from another by all its digits
+        # tuples: tables differ if any of their digits differ
         for name in ("wavelengths_um", "n", "k"):
             object.__setattr__(self, name, tuple(check_numbers(f"index: {name}", getattr(self, name)).ravel().tolist()))
         rows = len(self.wavelengths_um)
@@ -154,7 +154,7 @@ def check_wavelength(value: Any) -> float:
 
 
 def check_range(table: str, wavelength_um: float, low: float, high: float) -> None:
-    """Raises SceneError where a wavelength [um] lies outside a table's range; asks about nanometres if those fit."""
+    """Raises SceneError for a wavelength [um] outside a table's range, with a hint where it fits in nanometres."""
     if not low <= wavelength_um <= high:
         hint = f": did you mean {wavelength_um / 1e3:g}?" if low <= wavelength_um / 1e3 <= high else ""
         reach = f"{table} goes from {low:g} to {high:g} um"

@@ -21,7 +21,7 @@ LENGTH = 1e-6, 1e6, "a length from 1e-06 to 1e+06 um"  # that a particle can hav
 
 
 class SizeDistribution(Protocol):
-    """What `vrte.spheres` asks of a size distribution."""
+    """What `vrte.spheres` needs of a size distribution."""
 
     def quadrature(self, count: int, moment: int = 6) -> tuple[Array, Array]:
         """Radii [um] and weights, both (n,); about ``count`` of them, and the same again among 2 count - 1."""

@@ -13,7 +13,7 @@ from vrte.formats.atomic import write_atomically
 from vrte.pictures.describe import FAINT, INK, Axis, Body, Curve, Line, Picture, PlotPanel, Words
 from vrte.pictures.lobes import draw_lobe
 
-SUFFIXES: dict[str, Any] = {".png": {}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}  # what tells the hour
+SUFFIXES: dict[str, Any] = {".png": {}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}  # no time of writing
 SHARP_DPI, DPI = 160, 100  # of a picture by itself or what is made of pixels in a drawing, and of a small one
 COLOURS_KEPT = 128  # in a file: less than a third of the bytes, and no difference to the eye
 GRID: dict[str, Any] = {"color": FAINT, "linewidth": 0.5, "alpha": 0.7}

@@ -37,7 +37,7 @@ MADE = ("method", "method_rule", "algorithm", "backend", "nodes", "accuracy", "a
 def show_as_html(
     title: str | Callable[[Any], str], draw: Callable[[Any], Figure | None] = lambda _: None
 ) -> Callable[[Any], Callable[[Any], str]]:
-    """Makes what shows a thing from what tells its facts: title, picture and facts, as far as possible."""
+    """Makes a notebook's view of an object from a function of its facts: title, picture and facts."""
 
     def show(facts: Callable[[Any], Mapping[str, str] | str], thing: Any) -> str:
         try:

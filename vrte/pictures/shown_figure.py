@@ -10,7 +10,7 @@ NOTEBOOK_DPI = 80
 
 
 class ShownFigure(Figure):
-    """A figure with a canvas of its own; without pyplot nobody else would tell a notebook how to show it."""
+    """A figure with a canvas of its own; without pyplot a notebook needs it to show one."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)

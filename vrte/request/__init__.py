@@ -1,1 +1,1 @@
-"""What is asked for, and how, checked before any work."""
+"""Requests and their options, checked before any work."""

@@ -1,4 +1,4 @@
-"""What a user asks for, checked before any work, and which parts of the solution become which arrays of the result."""
+"""A user's request, checked before any work, and the arrays of the result that parts of the solution become."""
 
 import math
 from collections.abc import Sequence

@@ -9,7 +9,7 @@ import numpy as np
 from vrte.basics.arrays import Array, check_vector, make_readonly, put_in_one_line
 from vrte.basics.errors import SceneError
 from vrte.results.field import Field
-from vrte.results.result import Result, tell_achieved, tell_derivatives
+from vrte.results.result import Result, describe_derivatives, describe_error
 from vrte.scene.illumination import check_azimuths, choose_weights, sample_incident_light, sum_outgoing_light
 from vrte.scene.tabulated_base import TabulatedBase
 
@@ -111,15 +111,15 @@ class Brdf(Result):
         self._freeze_derivatives(BRDF_DERIVATIVES, there)
 
     def __getattr__(self, name: str) -> Any:
-        if name != "diagnostics" or "_tell" not in vars(self):
+        if name != "diagnostics" or "_make_diagnostics" not in vars(self):
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-        found = vars(self)["diagnostics"] = vars(self)["_tell"]()
-        vars(self).pop("_tell", None)
+        found = vars(self)["diagnostics"] = vars(self)["_make_diagnostics"]()
+        vars(self).pop("_make_diagnostics", None)
         return found
 
     def __repr__(self) -> str:
         extra = "" if self.transmission is None else ", with transmission"
-        extra += tell_derivatives(self.jacobian) + tell_achieved(self.diagnostics)
+        extra += describe_derivatives(self.jacobian) + describe_error(self.diagnostics)
         return f"Brdf({self.mu_i.size} mu_i, {self.mu_o.size} mu_o, {self.phi.size} phi{extra})"
 
     @property
@@ -170,10 +170,10 @@ class Brdf(Result):
         return float(2.0 * (choose_weights(self.mu_i, weights) * self.mu_i) @ self.total_reflectance)
 
 
-def make_readonly_brdf(tell: Callable[[], dict[str, Any]], **given: Any) -> Brdf:
-    """A result whose arrays are read-only and fit together; ``tell`` makes its diagnostics when they are asked for."""
+def make_readonly_brdf(make_diagnostics: Callable[[], dict[str, Any]], **given: Any) -> Brdf:
+    """A BRDF of read-only arrays whose shapes fit; its diagnostics are made when they are first read."""
     found = object.__new__(Brdf)
-    found.__dict__.update(given, _tell=tell)
+    found.__dict__.update(given, _make_diagnostics=make_diagnostics)
     return found
 
 

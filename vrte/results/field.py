@@ -8,7 +8,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
-from vrte.results.result import Labelled, Result, tell_achieved, tell_derivatives
+from vrte.results.result import Labelled, Result, describe_derivatives, describe_error
 
 FIELD_DERIVATIVES = {  # dictionaries by names of numbers, and what they are the derivatives of
     "jacobian": "stokes",
@@ -118,8 +118,8 @@ class Field(Result):
         beams = f"mu0={self.mu0:g}" if isinstance(self.mu0, float) else f"{self.mu0.size} mu0"
         return (
             f"Field({self.tau.size} tau, {self.mu.size} mu, {self.phi.size} phi, {beams}, "
-            f"incident_stokes={self.incident_stokes.tolist()}{tell_derivatives(self.jacobian)}"
-            f"{tell_achieved(self.diagnostics)})"
+            f"incident_stokes={self.incident_stokes.tolist()}{describe_derivatives(self.jacobian)}"
+            f"{describe_error(self.diagnostics)})"
         )
 
     def beam(self, place: int) -> "Field":

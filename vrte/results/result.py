@@ -90,16 +90,16 @@ class Result(Labelled):
         return view(self, "save", path)
 
 
-def tell_achieved(diagnostics: Mapping[str, Any]) -> str:
-    """What a result's text says of its error, as two counts of nodes show it; "" where one alone was solved."""
+def describe_error(diagnostics: Mapping[str, Any]) -> str:
+    """The error of a result, found from two numbers of nodes, for its text; "" where only one was solved."""
     achieved = diagnostics.get("achieved")
     return "" if achieved is None else f", right to {achieved:.1g}"
 
 
-def tell_derivatives(jacobian: dict[str, Any] | None) -> str:
-    """How many there are, to go on what a result is.
+def describe_derivatives(jacobian: dict[str, Any] | None) -> str:
+    """The number of derivatives, for a result's text.
 
-    >>> tell_derivatives({"base.albedo": 1.0})
+    >>> describe_derivatives({"base.albedo": 1.0})
     ', 1 derivative'
     """
     count = len(jacobian or {})

@@ -164,10 +164,10 @@ def find_decaying(thickness: Array, cosines: Array) -> Array:
 
 def follow_beams(interfaces: Interfaces, decay: Array) -> Passing:
     """Mueller matrices of beams that come in from above, at every interface."""
-    nothing = np.zeros_like(interfaces.above)
-    arriving = nothing.copy()
+    dark = np.zeros_like(interfaces.above)
+    arriving = dark.copy()
     arriving[0] = np.eye(4)
-    return pass_along(interfaces, decay, Passing(arriving, nothing, nothing, nothing))
+    return pass_along(interfaces, decay, Passing(arriving, dark, dark, dark))
 
 
 @dataclass(frozen=True, eq=False)

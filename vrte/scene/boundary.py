@@ -1,6 +1,6 @@
 """What bounds a stack of layers below: its reflection.
 
-A boundary answers for itself, and nobody asks for its class. A new one is a class made from `Boundary`, and a scene
+The solver uses the methods of a boundary, never its class. A new one is a class made from `Boundary`, and a scene
 takes its objects as base (docs/how_to/extending.md). The matrices of every surface are sums of reflections, and it
 gives back no more light than it gets.
 """
@@ -79,7 +79,7 @@ def check_energy(reflectance: Callable[[Array, int], Array]) -> None:
                 break
             before = now
         else:
-            continue  # too narrow for this quadrature: the solver's own will tell
+            continue  # too narrow for this quadrature: the solver's own quadrature shows it
         if now > most[index]:
             raise SceneError(
                 f"base: it gives back {now:.4g} of the light along mu_i = {mu_i[0]:g}, and at most "
@@ -140,7 +140,7 @@ class Boundary:
 
     @property
     def diagnostics(self) -> dict[str, float]:
-        """What the diagnostics of a result say of it beside its name."""
+        """What the diagnostics of a result hold of it beside its name."""
         return {}
 
     @property
@@ -207,7 +207,7 @@ class Lambertian(Boundary):
 
 @dataclass(frozen=True, eq=False)
 class WeightedBase(Boundary):
-    """What several boundaries reflect, weighted and added up; nobody asks whether that is physical."""
+    """What several boundaries reflect, weighted and added up; not checked to be physical."""
 
     parts: tuple[tuple[float, Boundary], ...]
 

@@ -251,7 +251,7 @@ def vary_base_number(scene: Scene, name: str, key: str, part: str | None) -> Var
     def base_at(now: float) -> Boundary:
         given = now if part is None else complex(now, whole.imag) if part == "n" else complex(whole.real, now)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # what is to be said of the base was said
+            warnings.simplefilter("ignore")  # warnings of the base were given
             return replace(base, **{key: given})  # type: ignore[type-var]  # a dataclass: it has fields
 
     try:

@@ -102,7 +102,7 @@ def describe_results(file: SceneFile, roughnesses: set[float], has_rough_interfa
         left_out += () if 0.0 in roughnesses else OF_BEAMS
         left_out += () if has_rough_interfaces else ("surface",)
         return lay_out_results(BRDF, coordinates, left_out, ("stokes_out", "stokes_in"))
-    # how deep the scene is, its particles say: each scene will check its own
+    # the depth of a scene depends on its particles: each scene checks its own tau
     alone = {name: value for name, value in file.request.items() if name != "side"}
     request = make_scene_request(replace(file, request=alone | {"tau": 0.0}))
     incident = np.asarray(file.request.get("stokes", (1.0, 0.0, 0.0, 0.0)), np.float64)

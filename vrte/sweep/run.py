@@ -71,7 +71,7 @@ def sweep(
     {progress}
     time_limit_s : float, optional
         A sweep whose scenes that are left are predicted to take longer is refused; without it none is. Above 20 seconds
-        what they take is said at once in a LongSolveWarning.
+        one LongSolveWarning has their time.
     precision : {'auto', 'double', 'single'}, optional
         With engine "opencl", as for `vrte.brdf`; it wins over the file's.
 

@@ -284,7 +284,7 @@ def begin(work: Work) -> None:
 
 
 def repair_work(work: Work) -> list[str]:
-    """Removes what is damaged in a folder that was begun, so that it is made again; says in words what it was."""
+    """Removes what is damaged in a folder that was begun, so that it is made again; returns what it was, in words."""
     for name in FOLDERS:
         (work.folder / name).mkdir(exist_ok=True)
     fresh = work.folder / "fresh"
@@ -392,7 +392,7 @@ def finish(work: Work, output: Path, on_disk: bool) -> None:
 
 
 def clear(folder: Path) -> None:
-    """Removes a folder that is of no more use, its journal first, so that nobody resumes what is left of it."""
+    """Removes a folder that is of no more use, its journal first, so that its rest is not resumed."""
     (folder / BEGUN).unlink(missing_ok=True)
     remove(folder)
 

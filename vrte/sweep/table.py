@@ -149,7 +149,7 @@ def describe_table(sweep: Sweep, box: tuple[int, ...]) -> dict[str, Any]:
 
 
 def hash_attributes(attributes: dict[str, Any]) -> str:
-    """Of what a table says."""
+    """The description that a table holds."""
     return hashlib.sha256(json.dumps(attributes, sort_keys=True).encode()).hexdigest()
 
 

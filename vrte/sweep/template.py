@@ -83,7 +83,7 @@ class Sweep:
 
     @property
     def kind(self) -> str:
-        """What is computed of each scene: "brdf", or "field" or "appearance" where that is what the file asks for."""
+        """What is computed of each scene: "brdf", or "field" or "appearance" where the file has that table."""
         if TABLE in self.template:
             return TABLE
         return "field" if "field" in self.template and "brdf" not in self.template else "brdf"
@@ -209,7 +209,7 @@ def check(sweep: Sweep) -> None:
     if len(set(keys)) != len(keys):
         raise SceneError("axes: two of them change the same number")
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # each scene will say it
+        warnings.simplefilter("ignore")  # each scene warns of it
         results = describe_sweep_results(sweep)
         for name in (*results.coordinates, *results.variables):
             if any(name in (axis.name, axis.dimension) for axis in sweep.axes):

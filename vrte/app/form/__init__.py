@@ -1,1 +1,1 @@
-"""The scene as a form: what is typed, what the library says to it, how it comes from files and links."""
+"""The scene as a form: its fields, the library's checks of them, and its reading from files and links."""

@@ -46,7 +46,7 @@ def put(content: Content, place: Place, value: Any) -> None:
     step: Any = place[-1]
     if isinstance(table, dict) and value is None:
         table.pop(step, None)
-    elif isinstance(table, dict if isinstance(step, str) else list):  # it may have gone while somebody typed
+    elif isinstance(table, dict if isinstance(step, str) else list):  # not removed meanwhile
         table[step] = value
 
 
@@ -357,13 +357,13 @@ def get_medium(layer: Content) -> str:
 
 
 def set_medium(content: Content, place: int, medium: str) -> None:
-    """Fills a layer with something else; its thickness stays where it can."""
+    """Changes the medium of a layer, and keeps its thickness where it can."""
     layer, kinds = content["layer"][place], content.get("particles", {})
     if medium == get_medium(layer):
         return
     geometric, phase = is_geometric(layer), MEDIA[medium][1]
     if get_medium(layer) == "clear":
-        remove(layer, "host_index")  # which it consisted of
+        remove(layer, "host_index")  # of the clear medium
     remove(layer, *FILLINGS, "tolerance")
     if medium not in HELD:
         remove(layer, "packing")

@@ -13,7 +13,7 @@ from vrte.basics.errors import Place, SceneError
 from vrte.formats.keys import Substance, Whole
 from vrte.formats.toml_table import read_fraction, show_place
 
-PARTS = ("layer", "particles", "host_index", "base")  # of a scene; all else says how it is looked at
+PARTS = ("layer", "particles", "host_index", "base")  # of a scene; all else is about how it is seen
 LEFT_OUT = ("accuracy", "effective_radius_um", "humidity_percent", "tolerance")  # of a table or its expansion
 SHARES = ("albedo", "particles", "rayleigh", "core_ratio")
 DENSEST = 0.6  # of the volume, that particles may take
@@ -90,7 +90,7 @@ def drop_part(place: Place) -> Place:
 
 
 def name_number(content: Content, place: Place, with_layer: bool = True) -> str:
-    """The name of a number: of which layer or kind of particles, and as its field says."""
+    """The name of a number: its layer or kind of particles, and its field."""
     field = drop_part(place)
     label = find_field(field, content).label.format(field[-1])
     label = "refractive index" if label == SUBSTANCE else label
@@ -103,7 +103,7 @@ def name_number(content: Content, place: Place, with_layer: bool = True) -> str:
 
 
 def suggest_limits(place: Place, value: float) -> tuple[float, float]:
-    """From where to where a number may go unless somebody says otherwise; the start lies between."""
+    """The default limits of a number in a fit; its start lies between them."""
     names = [step for step in place if isinstance(step, str)]
     if place[-1] == 1:  # k of an index
         return 0.0, max(LEAST_ABSORPTION, 10.0 * value)

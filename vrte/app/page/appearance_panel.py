@@ -98,7 +98,7 @@ class AppearancePanel:
                 bar.set_value(slider.find_step(value))
         self.white.set_text(f"albedo of the white card: {self.view['viewing'].white:g}")
 
-    # what somebody does
+    # what the user does
 
     def begin_with(self, title: str) -> None:
         """A paint: the form gets it."""
@@ -106,7 +106,7 @@ class AppearancePanel:
         self.results.fill(*begin_with_material(list_films()[title]))
 
     def look(self, key: str, value: Any) -> None:
-        """In another light, by another observer, in another geometry, over another card."""
+        """Shows the paint in another light, to another observer, in another geometry or over another card."""
         self.view["viewing"] = replace(self.view["viewing"], **{key: value})
         self.refresh()
 

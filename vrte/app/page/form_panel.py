@@ -159,7 +159,7 @@ class FormPanel:
             self.field(*place)
 
     def field(self, *place: str | int, classes: str = "") -> Any:
-        """A text that is read, put in its place and checked while somebody types."""
+        """A text field whose value is read and checked during typing."""
         content = self.session.content
         about = find_field(place, content)
 
@@ -192,7 +192,7 @@ class FormPanel:
                 controls.add_menu_item(material, partial(choose, material))
 
     def file(self, *place: str | int, key: FilePath) -> None:
-        """A file that somebody chooses, and what was read from it."""
+        """A button to choose a file, and what was read from the file."""
         name = write_field_text(get_value(self.session.content, place))
         found = ui.input(key.label, value=name).without_auto_validation().classes("vrte-field")
         found.props(f"{OUTLINED} readonly")
@@ -206,7 +206,7 @@ class FormPanel:
         self.words[place] = add_message()
 
     def ask_for_file(self, button: Any, *asked: Any) -> None:
-        """A click on the button lets somebody choose a file for a place, of some suffixes, and so large at most."""
+        """A click on the button opens the choice of a file for a place, with allowed suffixes and a largest size."""
 
         def ask() -> None:
             self.asked = asked[0], asked[1], asked[2]
@@ -215,7 +215,7 @@ class FormPanel:
         button.on("click", ask, js_handler=script, args=[])
 
     async def take_file(self, event: Any) -> None:
-        """A file that somebody has chosen."""
+        """Takes the chosen file."""
         place, suffixes, most = self.asked
         self.upload.reset()
         name = str(event.file.name)

@@ -68,7 +68,7 @@ class MeasurementPanel:
         self.timer = ui.timer(LOOK_EVERY, self.follow, active=False)
 
     def _draw_free(self) -> None:
-        """A row for each number of the form: whether it may change, its value, from where to where it may go."""
+        """A row for each number of the form: whether it may change, its value, its limits."""
         listed = list_free_numbers(self.session.content)
         if listed == self.listed:
             return
@@ -91,7 +91,7 @@ class MeasurementPanel:
                             texts = write_digits(getattr(one, side)), f"{one.label}, {words}"
                             field.props.update(zip(("placeholder", "aria-label"), texts, strict=True))
 
-    # what somebody does
+    # what the user does
 
     def take(self, name: str, data: bytes) -> None:
         """A measurement: it is read aside, and shown beside the scene."""

@@ -155,7 +155,7 @@ class Page:
             self.report.set_text("")  # it was of another scene
 
     def solve(self) -> None:
-        """What the form says; the server checks it again, whatever the page has sent."""
+        """Solves the scene of the form, which the server checks again."""
         wrong = self.session.find_problems()
         if wrong:
             self.failure.set_text("; ".join(wrong.values()))
@@ -205,7 +205,7 @@ class Page:
                 ui.run_javascript("vrte.show_result()")
 
     async def opened(self, event: Any) -> None:
-        """A file that somebody chose: a scene fills the form, a result is shown."""
+        """Opens a file of the user: a scene fills the form, a result is shown."""
         name, size = str(event.file.name), int(event.file.size())
         suffix = Path(name).suffix.lower()
         self.upload.reset()
@@ -252,7 +252,7 @@ class Page:
         self.follow()
 
     def set_theme(self, event: Any) -> None:
-        """What this browser shows, as it says: light or dark."""
+        """Takes the theme that the browser reports, light or dark."""
         dark = isinstance(event.args, dict) and event.args.get("dark") is True
         self.dark.set_value(dark)
         if dark != bool(self.session.view.get("dark")):
@@ -283,7 +283,7 @@ class Page:
         notify(f"The address of this page carries the scene now. {copied} {others}{without}")
 
     def take_link(self, event: Any) -> None:
-        """A scene that an address brought: a stranger's text, checked like a file, solved when somebody asks."""
+        """Takes a scene from the address: checked as a file is, solved only on a click."""
         if isinstance(event.args, str) and event.args != self.session.view.get("link"):
             self.session.view["link"] = event.args
             self.session.start_adopting(event.args)

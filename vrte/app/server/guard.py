@@ -81,7 +81,7 @@ class Guard:
             return
         if not self._known(headers):
             raise RefusedError(403, STRANGER)
-        # who is behind a proxy is nobody's business: pages would repeat what these say
+        # headers of proxies are private, and pages would repeat them
         scope = {**scope, "headers": [one for one in scope["headers"] if not one[0].startswith(b"x-forwarded")]}
         if scope["type"] == "websocket":
             await self.app(scope, receive, send)
@@ -94,7 +94,7 @@ class Guard:
         if len(hosts) != 1 or not self._is_own(hosts[0]):
             raise RefusedError(400, ELSEWHERE)
         origins = [value for name, value in headers if name == b"origin"]
-        needed = scope["type"] == "websocket"  # every browser says it then
+        needed = scope["type"] == "websocket"  # every browser sends it then
         if (origins or needed) and origins != [f"http://{hosts[0]}"]:
             raise RefusedError(403, ELSEWHERE)
         given = dict(headers)

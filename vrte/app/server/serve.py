@@ -33,7 +33,7 @@ ICON = (
 
 
 class Connection(H11Protocol):
-    """A connection that is closed where no whole request comes."""
+    """A connection that is closed after PATIENCE seconds without a complete request."""
 
     def connection_made(self, transport: Any) -> None:
         super().connection_made(transport)
@@ -41,9 +41,9 @@ class Connection(H11Protocol):
             transport.abort()
         else:
             self._idle_since = self.loop.time()
-            self._look()
+            self._abort_if_idle()
 
-    def _look(self) -> None:
+    def _abort_if_idle(self) -> None:
         if self.transport.is_closing() or self.transport.get_protocol() is not self:  # a web socket by now
             return
         if self.cycle is not None and not self.cycle.response_complete:
@@ -51,7 +51,7 @@ class Connection(H11Protocol):
         elif self.loop.time() - self._idle_since >= PATIENCE:
             self.transport.abort()
             return
-        self.loop.call_later(PATIENCE / 10, self._look)
+        self.loop.call_later(PATIENCE / 10, self._abort_if_idle)
 
 
 class Server(uvicorn.Server):
@@ -123,7 +123,7 @@ def shorten_log(server: Server) -> Iterator[None]:
         logging.getLogger().removeHandler(shown)
 
 
-def serve(sessions: TabSessions, host: str, port: int, browser: bool, say: Callable[[str], None] = print) -> int:
+def serve(sessions: TabSessions, host: str, port: int, browser: bool, report: Callable[[str], None] = print) -> int:
     """Runs until Ctrl-C or TERM, and returns the signal's number; ``port`` 0 takes a free one; ``browser``: opens the
     page. Raises SceneError where host and port cannot be listened on."""
     with bind_socket(host, port) as listening:
@@ -163,7 +163,7 @@ def serve(sessions: TabSessions, host: str, port: int, browser: bool, say: Calla
         with make_opening_page(address) as page:
 
             def begun() -> None:
-                say(f"vrte view: {address} (Ctrl-C ends it)")
+                report(f"vrte view: {address} (Ctrl-C ends it)")
                 if browser:  # where there is one
                     threading.Thread(target=webbrowser.open, args=(page.as_uri(),), daemon=True).start()
 
@@ -172,7 +172,7 @@ def serve(sessions: TabSessions, host: str, port: int, browser: bool, say: Calla
                 with suppress(asyncio.CancelledError, KeyboardInterrupt), shorten_log(server):  # by a second Ctrl-C
                     server.run(sockets=[listening])
                 sessions.close()
-                say("vrte view: ended")
+                report("vrte view: ended")
     return server.ended_by
 
 

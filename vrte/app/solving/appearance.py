@@ -1,4 +1,4 @@
-"""What a paint looks like over black and over white, worked out again and again as somebody moves its sliders; and once
+"""The appearance of a paint over black and over white, computed again at every move of its sliders; and once
 they rest, its gloss and how thick it has to be to hide what is below."""
 
 import pickle

@@ -101,7 +101,7 @@ def look_at_part(exchange: Exchange, content: Content, folder: Path, place: Plac
         try:
             scene = make_scene_file(alone, "brdf", folder).scene
         except SceneError as error:
-            text = str(error).replace(f"{folder}{os.sep}", "")  # where it lies is nobody's business
+            text = str(error).replace(f"{folder}{os.sep}", "")  # its path is private
             return PartRead(message=put_in_one_line(text, 1000), place=error.place or place)
         made: Any = scene.base if place[0] == "base" else scene.layers[int(place[1])].phase_matrix
         if isinstance(made, PhaseMatrix) and made.expansion is not None:

@@ -1,6 +1,6 @@
-"""What the viewer keeps for each tab: its scene, its result, what it looks at, its files; nobody sees another's.
+"""What the viewer keeps for each tab: its scene, its result, what it looks at, its files; no tab sees another's.
 
-Tables that a scene names are those it began with, and those that somebody puts into the page: they get a name of plain
+Tables that a scene names are those it began with, and those put into the page: they get a name of plain
 letters, and a folder that goes with their tab. Files that are handed out are made in a folder that goes again.
 """
 
@@ -45,7 +45,7 @@ class Uploads:
     def __init__(self, folder: Path = Path(), names: Collection[str] = ()) -> None:
         self.folder, self.names = folder, frozenset(names)
         self.own: dict[str, int] = {}
-        self._remove: Callable[[], Any] | None = None  # the folder of those put in; by itself when nobody has it
+        self._remove: Callable[[], Any] | None = None  # the folder of those put in; by itself once nothing refers to it
 
     def add(self, given: str, data: bytes, suffixes: tuple[str, ...], most: int, named: Collection[str] = ()) -> str:
         """Takes a file in; the name that a scene has it by. Those not ``named`` by the scene may have to go.
@@ -99,7 +99,7 @@ class Uploads:
             target = folder / name
             if not Path(name).is_absolute():
                 target.parent.mkdir(parents=True, exist_ok=True)
-                with suppress(OSError):  # gone: whoever reads it says so
+                with suppress(OSError):  # gone: the reader reports it
                     shutil.copyfile(self.folder / name, target)
         self.folder = folder
 
@@ -199,7 +199,7 @@ class TabSession:
     what it looks at, and how many ``pages`` look; the first field that is ``wrong``: its message, and its place;
     ``parts_read``, which describes parts that are made from files.
 
-    It asks worker processes for ``solves``; for what the scene looks like, ``live``, and shows ``beside`` a
+    It asks worker processes for ``solves``; for the appearance, ``live``, and shows ``beside`` a
     measurement; for ``fits`` to that, of which ``fitted`` is what the last one found; and for ``looks`` at a part."""
 
     content: Content
@@ -221,7 +221,7 @@ class TabSession:
         return Task(call, self.content if content is None else content, self.uploads.folder, more)
 
     def start(self, task: Task | None = None) -> None:
-        """A task, or to solve what the form says now, in place of the one that runs."""
+        """Starts a task, by default a solve of the form's scene, in place of the running one."""
         self.solves.ask(task or self.make_task("solve.solve"))
 
     def start_adopting(self, given: bytes | str) -> None:
@@ -247,13 +247,13 @@ class TabSession:
             self.fitted = Fitted.of_step(task, step, answer.message)
 
     def leave(self) -> None:
-        """A page has gone for good: nobody waits for what it solves, unless the tab has another."""
+        """Ends the solves of a page that was closed, unless its tab has another page."""
         self.pages -= 1
         if self.pages == 0:
             self.rest()
 
     def rest(self) -> None:
-        """Ends what nobody waits for."""
+        """Ends the solves whose pages are closed."""
         for query in (self.solves, self.fits, self.live, self.beside):
             query.close()
 
@@ -267,7 +267,7 @@ class TabSession:
         return {place: translate_message(message, self.content) for place, message in found.items()}
 
     def has_looked(self) -> bool:
-        """Whether there is something new to say of a part."""
+        """Whether a check of one of the scene's files has ended; its result is kept."""
         task, found = self.looks.task, self.looks.take()
         if task is None or found is None:
             return False

@@ -212,7 +212,7 @@ class Exchange:
 
 
 def take_newest(inbox: SimpleQueue[Any]) -> Any:
-    """The newest of what came in, once there is anything; what nobody took in time is dropped."""
+    """The newest of what came in, once there is anything; older messages are dropped."""
     found = inbox.get()
     while not inbox.empty():
         found = inbox.get()
@@ -269,7 +269,7 @@ def explain_failure(work: Callable[..., Message], task: Task, exchange: Exchange
             return work(exchange, task.content, task.folder, **task.more)
     except NewerError:
         return None
-    except SENTENCES as error:  # where the folder lies is nobody's business
+    except SENTENCES as error:  # the path of the folder is private
         text = str(error).replace(f"{task.folder}{os.sep}", "") if task.folder.is_absolute() else str(error)
     except MemoryError:
         text = "not enough memory for this scene: smaller particles, fewer directions or nodes need less"

@@ -82,8 +82,8 @@ class Task:
         spreads = np.broadcast_to(spreads, self.mu.shape)
         return Target(wanted, [self.request.scene], problem, self.mu, fold_azimuths(self.request.phi), spreads)
 
-    def tell(self, done: int, total: int) -> None:
-        """Says how many steps are done. Raises KeyboardInterrupt where the user wants no more."""
+    def report(self, done: int, total: int) -> None:
+        """Reports how many steps are done. Raises KeyboardInterrupt once the user has stopped the solve."""
         if self.run.stop[0]:
             raise KeyboardInterrupt
         if self.progress is not None:
@@ -96,7 +96,7 @@ class Task:
         kernels = np.zeros((count, *shape, problem.mu_out.size, len(ALL)))
         for order in range(count):
             kernels[order][..., list(problem.stokes)] = solve(order)
-            self.tell(order + 1, count)
+            self.report(order + 1, count)
         return kernels
 
     def sum_orders(
