@@ -89,7 +89,7 @@ class Conditions:
 
     @property
     def words(self) -> str:
-        """All of the conditions in one line, for tables."""
+        """All conditions in one line, for tables."""
         return (
             f"geometry {self.geometry}, illuminant {self.illuminant}, observer {self.observer} degrees, "
             f"black of albedo {self.black:g}, white of albedo {self.white:g}, contrast ratio {self.target:g} hides"

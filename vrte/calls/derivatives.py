@@ -255,7 +255,7 @@ def solve_with_derivatives(
 
 
 def count_orders_found(diagnostics: Mapping[str, Any]) -> int:
-    """How many Fourier orders a solution took, in the part of it that took more."""
+    """The number of Fourier orders of a solution, in the part of it with more."""
     other = diagnostics.get("polarized_light", {})
     return max(int(diagnostics["orders"]), int(other.get("orders", 0)))
 

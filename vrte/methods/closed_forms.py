@@ -48,7 +48,7 @@ def integrate_fluxes(task: Task) -> tuple[Array, Array]:
 
 
 def predict_fluxes(task: Task) -> float:
-    """Series of all terms towards the nodes at twice as many azimuths, for the fluxes."""
+    """Operations of the fluxes: series of all terms towards the nodes at twice as many azimuths."""
     layers = task.request.scene.layers
     terms = float(max(layer.phase_matrix.terms for layer in layers))
     towards = task.request.mu0.size * 2.0 * task.problem.nodes.size * 2.0 * terms

@@ -88,7 +88,7 @@ def propagator(scene: Scene, order: int = 0, nodes: int = NODES) -> Array:
 
 
 def predict_responses(task: Task) -> float:
-    """Modes of each material, and each distinct slab lit along the nodes and by the beams."""
+    """Operations of the modes of each material, and of the light of nodes and beams in each distinct slab."""
     problem = task.problem
     slabs = cut_layers(problem)
     n, r, c = count_sizes(task.request, task.problem)
@@ -172,7 +172,7 @@ def balance_flux(slab: Slab) -> Slab:
 
 
 def predict_doubling(task: Task) -> float:
-    """Doublings of each distinct slab, starting layers, slabs joined."""
+    """Operations of the doublings of each distinct slab, of its starting layer, and of adding the slabs."""
     problem, settings = connect_media(task.request, task.problem), task.settings
     slabs, on_nodes = cut_layers(task.problem), OnNodes(problem)
     n, r, c = count_sizes(task.request, task.problem)
@@ -206,7 +206,7 @@ def solve_by_invariant_imbedding(task: Task) -> Answer:
 
 
 def predict_imbedding(task: Task) -> float:
-    """Sweeps of all steps: their number grows with what an order scatters on its way."""
+    """Operations of the sweeps of all steps; a Fourier order that scatters more needs more steps."""
     problem = task.problem
     n, r, c = count_sizes(task.request, task.problem)
     finite = np.where(np.isfinite(problem.thickness), problem.thickness, 0.0)

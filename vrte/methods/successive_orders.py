@@ -110,7 +110,7 @@ def estimate_remainder(added: list[float]) -> float:
 
 
 def predict_operations(task: Task) -> float:
-    """As many orders as it takes, by how strongly a Fourier order scatters and how much leaves through the faces."""
+    """Operations of all orders; their number follows from how much a Fourier order scatters and how much leaves."""
     problem, settings, scale = task.problem, task.settings, find_panel_scale([task.problem])
     n, _, _ = count_sizes(task.request, task.problem)
     panels = sum(divide_into_panels(each, scale, settings["levels"]).size - 1 for each in problem.thickness.tolist())

@@ -461,7 +461,7 @@ def cut_exact_terms(sums: Array, table: ScatteringTable, accuracy: float | None)
 
 
 def expand_spline(spline: ElementSpline, mean: float, angles: Array, elements: Array, accuracy: float) -> Array:
-    """Coefficients (terms, 6), as many as the accuracy takes at the angles of the table, or MOST_TERMS."""
+    """Coefficients (terms, 6), as many as the accuracy needs at the angles of the table, or LAST_TERMS."""
     terms = FIRST_TERMS
     while True:
         coefficients = (np.arange(terms) + 0.5)[:, None] * spline.integrate(terms) / mean

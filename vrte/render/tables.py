@@ -69,7 +69,7 @@ class BrdfTable:
     facets: RoughSurface | None = None
 
     def slab(self, mu_i: Array, mu_o: Array) -> Array:
-        """That factor; 1/(mu_i + mu_o) for a bare base."""
+        """(1 - exp(-thickness (1/mu_i + 1/mu_o)))/(mu_i + mu_o), of single scattering; 1/(mu_i + mu_o) for a base."""
         fraction = -np.expm1(-self.thickness * (1.0 / mu_i + 1.0 / mu_o)) if self.thickness else 1.0
         return np.asarray(fraction / (mu_i + mu_o))
 

@@ -304,8 +304,8 @@ def interpolate_azimuths(azimuths: Array) -> Array:
 
 
 def weigh_cosines(grid: Array, mu: Array) -> Array:
-    """Weights (2, n_mu, n) of what a table has at descending cosines (n,), at mu (n_mu,), those below the smallest
-    taken for it: of what is even across the normal, as even Fourier orders are, and of what is odd."""
+    """Interpolation weights (2, n_mu, n) from descending cosines (n,) of a table to mu (n_mu,), clamped to the smallest
+    cosine: for functions that are even across the normal, as even Fourier orders are, and for odd ones."""
     s, at = stretch_cosines(grid), stretch_cosines(np.maximum(mu, grid[-1]))
     unit = np.eye(grid.size)
     found = []

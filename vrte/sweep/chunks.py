@@ -93,7 +93,7 @@ def prepare(work: Work, job: Shared) -> None:
 
 
 def compute(work: Work, chunk: int, solve: Solve, backend: str) -> int:
-    """Computes a chunk, writes it and marks it done, in this order; nothing where it is done already."""
+    """Computes a chunk, writes it, then marks it done; a chunk that is done is not computed again."""
     indices = list(work.grid.places(chunk))
     if work.mark(chunk).is_file():
         return len(indices)

@@ -54,7 +54,7 @@ class FormNumber:
         return round(STEPS * math.log(value / self.low) / math.log(self.high / self.low))
 
     def reaches(self, value: float) -> bool:
-        """Whether a number lies between the ends, but for what rounding takes."""
+        """Whether a number lies within the limits, with 1 % to spare."""
         return 0.99 * self.low <= value <= 1.01 * self.high
 
 

@@ -116,7 +116,7 @@ class ResultPanel:
     def _add_controls(self) -> None:
         """What all tabs share: incidence, wavelength, incident light."""
         with ui.row().classes("w-full items-center gap-x-6 gap-y-1 pt-3") as self.controls:
-            self.sliders = {  # what is around each, its text, its bar
+            self.sliders = {  # of each: its container, its text, its bar
                 key: add_slider(label, (0, 1), 1, partial(self.set, key), 0.15, leading_events=False)
                 for key, label in (("place", "incident angle"), ("wavelength", "wavelength"))
             }
