@@ -292,7 +292,7 @@ class Hiding:
 
     @property
     def hiding_length_um(self) -> float | None:
-        """The thickness that hides [um]; None where none is, or none is known in um."""
+        """Hiding thickness [um], at which the contrast ratio reaches its target; None where none does or is known in um."""
         return None if self.length_um is None or self.hiding_times is None else self.hiding_times * self.length_um
 
     @property

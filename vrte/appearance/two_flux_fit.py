@@ -214,7 +214,7 @@ def choose_share(name: str, given: Any, found: Array) -> Array:
 
 
 def find_length(panel: Panel) -> float:
-    """How thick the film is [um], 1 where that is known optically alone."""
+    """The thickness of the film [um]; 1 where only its optical thickness is known."""
     known = panel.length_um
     if known is None:
         return 1.0

@@ -164,7 +164,7 @@ def make_example(name: str, material: ReadyMaterial, folder: Path) -> dict[str, 
 
 
 def tabulate(options: argparse.Namespace, describe: Callable[[float], dict[str, float]]) -> Columns:
-    """Columns by name, a row a wavelength."""
+    """Columns by name, with one row for each wavelength."""
     rows = []
     with show_progress() as (phase, tick):
         phase(options.name)

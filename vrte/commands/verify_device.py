@@ -269,7 +269,7 @@ def perform_check(name: str, allowed: float, call: Callable[[], float]) -> Check
 
 
 def describe_machine(own: Device) -> str:
-    """Versions of what computes, and what a device says of itself."""
+    """Versions of the libraries, and the properties that a device reports."""
     return (
         f"vrte {vrte.__version__}, Python {platform.python_version()}, numpy {np.__version__}, "
         f"pyopencl {version('pyopencl')}, {platform.system()} {platform.machine()}\n"

@@ -350,7 +350,7 @@ def describe_index(index: RefractiveIndex) -> str:
 
 
 def describe_convergence(count: int, change: float, up_to: str = "") -> str:
-    """Over how many radii an average was taken, and how far it has converged; nothing of one size."""
+    """The number of radii of an average and its convergence, in words; "" for one size."""
     return f", {count} radii{up_to}, cross sections converged to {max(change, 1e-16):.0e}" if count > 1 else ""
 
 

@@ -457,7 +457,7 @@ def mix(parts: Annotated[Sequence[tuple[PhaseMatrix, float]], Any]) -> PhaseMatr
 
 
 def check_mixture(parts: Any, kind_of: type, pair: str, other: str) -> list[tuple[Any, Any]]:
-    """The parts of a mixture, one pair (kind, share) or more; errors name the ``pair`` and the ``other`` call to use."""
+    """The parts of a mixture, one pair (kind, share) or more; errors name the ``pair`` and the ``other`` call."""
     found = check_list("the parts of a mixture", parts, MOST_KINDS)
     try:
         pairs = [(kind, share) for kind, share in found]

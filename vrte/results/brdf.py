@@ -317,7 +317,7 @@ def fill_shares(brdfs: tuple[Brdf, ...]) -> tuple[Brdf, ...]:
 
 
 def check_alike(first: Brdf, other: Brdf) -> None:
-    """Whether two BRDFs are for the same directions, lit from the same side, and hold the same."""
+    """Raises SceneError where two BRDFs differ in directions, in the lit side or in the arrays that they hold."""
     for name in ("mu_i", "mu_o", "phi"):
         if not np.array_equal(getattr(first, name), getattr(other, name)):
             raise SceneError(f"brdfs must be for the same directions: {name} differs")

@@ -292,7 +292,7 @@ def list_numbers(base: Boundary) -> dict[str, float]:
 
 
 def vary_medium(scene: Scene, name: str, place: int) -> Variation:
-    """With the refractive index of a medium, counted from the one above the scene, and of all that it goes on into."""
+    """The change of a medium's refractive index, counted from the one above the scene, up to the next interfaces."""
     if not scene.has_interfaces and not scene.below.keeps_beams and scene.below.facets is None:
         raise complain_of(name, "it does nothing: light is refracted nowhere")
     first, last = place, place  # of the media that are one, no surface between them

@@ -50,7 +50,7 @@ class FormNumber:
         return float(f"{self.low * (self.high / self.low) ** fraction:.3g}")
 
     def find_step(self, value: float) -> int:
-        """The step of a slider next to a number within the ends."""
+        """The slider step nearest to a number within the limits."""
         return round(STEPS * math.log(value / self.low) / math.log(self.high / self.low))
 
     def reaches(self, value: float) -> bool:

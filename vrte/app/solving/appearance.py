@@ -246,7 +246,7 @@ def find_colours(spectra: CardSpectra, viewing: Conditions) -> list[Colour]:
 
 
 def describe_spectra(spectra: CardSpectra, viewing: Conditions, before: CardSpectra | None, **more: Any) -> Appeared:
-    """The colours of spectra, what they differ by, and by what from those ``before``."""
+    """The colours of spectra, their difference, and their differences from those of ``before``."""
     black, white = now = find_colours(spectra, viewing)
     if before is not None:
         then = find_colours(before, viewing)
