@@ -292,7 +292,7 @@ class Hiding:
 
     @property
     def hiding_length_um(self) -> float | None:
-        """Hiding thickness [um], at which the contrast ratio reaches its target; None where none does or is known in um."""
+        """Hiding thickness [um], at which the contrast ratio reaches its target; None where no length has it."""
         return None if self.length_um is None or self.hiding_times is None else self.hiding_times * self.length_um
 
     @property

@@ -38,7 +38,7 @@ _forked = {"stranded": False}
 
 @contextmanager
 def count_solve() -> Iterator[None]:
-    """Counts a solve, or a part of one, as long as it lasts. Raises RuntimeError in a forked process that cannot solve."""
+    """Counts a solve, or a part of one, as long as it lasts. Raises RuntimeError in a fork that cannot solve."""
     if _forked["stranded"]:
         raise RuntimeError(FORKED)
     _under_way.append(None)

@@ -146,7 +146,7 @@ def describe_spread(residuals: Array) -> PlotPanel:
 def save_fit_page(
     fit: Fit, path: str | os.PathLike[str], title: str = "A fit", profiles: Sequence[Profile] = ()
 ) -> None:
-    """Writes the page of a fit, all of it or nothing. Raises SceneError for another suffix, MissingExtraError, OSError."""
+    """Writes the page of a fit, all of it or nothing. Raises SceneError (suffix), MissingExtraError, OSError."""
     sections = [make_section("Numbers", make_numbers(fit))]
     image = f"<figure>{make_image(draw_fit(fit), 'measured, fitted')}</figure>"
     sections.append(make_section("Measured and fitted", image))
