@@ -152,9 +152,9 @@ def solve_batch(requests: Sequence[Request], indices: list[int], run: Run) -> di
     if asked.kind != "brdf":
         results = {}
         for k in right:
-            own = {name: float(values[k]) for name, values in residuals.items()}
+            of_scene = {name: float(values[k]) for name, values in residuals.items()}
             up, down = found.flux_up[k : k + 1], found.flux_down[k : k + 1]
-            light = Solution([part[k : k + 1] for part in parts], up, down, found.diagnostics | own | shared)
+            light = Solution([part[k : k + 1] for part in parts], up, down, found.diagnostics | of_scene | shared)
             results[indices[k]] = make_field(requests[indices[k]], plan.mu, light)
         return results
     carried = count_terms_carried(scenes[0], plan.problem.nodes.size)
