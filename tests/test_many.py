@@ -104,7 +104,8 @@ def test_films_under_a_smooth_surface_are_solved_together(base):
 @pytest.mark.parametrize("how", [HOW, HOW | {"grading": 2, "accuracy": 1e-5}])
 def test_thick_films_are_solved_together(how):
     """Light of high orders does not come back from their ends; on nodes of any grading, along any directions."""
-    films = [vrte.Scene([vrte.Interface(1.0, 1.5), layer(GREY, 0.8, 60.0 + k)], vrte.Lambertian(0.3)) for k in range(4)]
+    top, base = [vrte.Interface(1.0, 1.5), layer(GREY, 0.7, 1.0)], vrte.Lambertian(0.3)
+    films = [vrte.Scene([*top, layer(GREY, 0.8, 60.0 + k)], base) for k in range(4)]
     requests = [make_request("radiance", film, MU, mu=MU.tolist(), phi=PHI, **how) for film in films]
     for film, found in zip(films, solve_side_by_side(requests), strict=True):
         assert found.diagnostics["solved_together"] > 1

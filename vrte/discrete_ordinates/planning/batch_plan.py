@@ -69,8 +69,8 @@ def find_batch_key(scene: Scene, request: Request) -> BatchKey | None:
             return None
         longest = carried
     # many unknowns: the orders are counted again on the way, and Python's share is small
-    few = count_orders_at_most(request, longest) < longest
-    if not few and longest * float(nodes if scalar else 4 * nodes) ** 3 > cost.WORTH_STAGES:
+    large = longest * float(nodes if scalar else 4 * nodes) ** 3 > cost.WORTH_STAGES
+    if large and count_orders_at_most(request, longest) == longest:
         return None
     indices = () if surface is None else scene.media[:2]
     return BatchKey(len(shared), tuple(shared), scalar, indices)

@@ -138,31 +138,33 @@ def make_shared_blocks(
     """The orders of many scenes by modes, so many of each, in blocks that are alike; and which scenes they stand for,
     (scene,): for others, by themselves, another algorithm is chosen, fewer layers, or several looks at how many orders
     are left."""
-    sets, along_normal = list_stokes_sets(problem), is_along_normal(problem)
-    fits, ends = np.ones(problem.scenes, bool), find_ends_seen(problem, needs, accuracy)
-    may_end = problem.layers > 1 or problem.media is not None  # without an end one layer has its own algorithm
-    n_order = problem.coefficients.shape[1]
-    blocks: list[Block] = []
+    along_normal, there = is_along_normal(problem), list_lit_stokes(problem)
+    may_end = problem.layers > 1 or algorithm != "auto"  # invariance is for one layer without an end
+    fits, shape = np.ones(problem.scenes, bool), (problem.coefficients.shape[1], problem.scenes)
     wanted: dict[Part, BoolArray] = {}
     lit: dict[Part, tuple[int, ...]] = {}
-    there = list_lit_stokes(problem)
-    for index, count in enumerate(counts.tolist()):
-        parts = []
-        for part, members in sort_orders(sets[index][:count], (), along_normal, ends[index][:count])[0]:
-            if part not in lit:
-                lit[part] = find_lit_columns(problem, part, there, along_normal)
-            parts += [(part, members)] if lit[part] else []
-        fits[index] = not is_worth_stages(problem, count) or are_solved_at_once([members for _, members in parts])
-        fits[index] &= all([part.layers == problem.layers and (part.has_end or may_end) for part, _ in parts])
-        for part, members in parts if fits[index] else ():
-            if part not in wanted:
-                wanted[part] = np.zeros((n_order, problem.scenes), bool)
-            wanted[part][members, index] = True
+    kinds: dict[tuple[Any, ...], list[int]] = {}  # scenes with the same parts
+    of_scenes = counts.tolist(), list_stokes_sets(problem), find_ends_seen(problem, needs, accuracy)
+    for index, kind in enumerate(zip(*of_scenes, strict=True)):
+        kinds.setdefault(kind, []).append(index)
+    for (count, sets, ends), indices in kinds.items():
+        parts = sort_orders(sets[:count], (), along_normal, ends[:count])[0]
+        lit |= {part: find_lit_columns(problem, part, there, along_normal) for part, _ in parts}
+        parts = tuple((part, members) for part, members in parts if lit[part])
+        at_once = not is_worth_stages(problem, count) or are_solved_at_once([members for _, members in parts])
+        fits[indices] = at_once and all(
+            part.layers == problem.layers and (part.has_end or may_end) for part, _ in parts
+        )
+        for part, members in parts if fits[indices[0]] else ():
+            wanted.setdefault(part, np.zeros(shape, bool))[members[:, None], indices] = True
     reduced = {part: reduce_problem(problem, part, lit[part]) for part in wanted}
-    steps = {part.has_end: count_all_doubling_steps(each) for part, each in reduced.items()}
+    steps: dict[bool, list[DoublingSteps]] = {}
     for part, which in wanted.items():
+        if part.has_end not in steps:
+            steps[part.has_end] = count_all_doubling_steps(reduced[part])
         for_modes = find_scenes_for_modes(reduced[part], steps[part.has_end], algorithm, accuracy)
         fits &= for_modes | ~which.any(axis=0)
+    blocks: list[Block] = []
     below, choice = EvenBases(tuple(bases)), Choice("modes", "many scenes that are alike")
     for part, which in wanted.items():
         orders = np.flatnonzero((which & fits).any(axis=1)).astype(np.int32)

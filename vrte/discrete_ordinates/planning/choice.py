@@ -168,7 +168,8 @@ def find_scenes_for_modes(
         return np.ones(problem.scenes, bool)
     if problem.grading > 1 and is_too_steep(float(problem.nodes[0]), problem.is_scalar, accuracy):
         return np.zeros(problem.scenes, bool)
-    found = np.array([not compare_with_doubling(problem, each)[0] for each in doubling])
+    known = {each: not compare_with_doubling(problem, each)[0] for each in set(doubling)}
+    found = np.array([known[each] for each in doubling])
     if algorithm == "auto" and problem.layers == 1 and is_worth_scatterings(problem):
         orders = np.arange(problem.coefficients.shape[1], dtype=np.int32)
         for index in np.flatnonzero(found).tolist():
