@@ -26,8 +26,9 @@ from .helpers import close_to, run
 LAYER = '[[layer]]\nphase = "rayleigh"\nalbedo = 0.9\nthickness = 1.0\n'
 ASKED = "[brdf]\nmu_i = [0.6, 1.0]\nmu_o = [0.5, 1.0]\nphi_deg = [0, 60, 120, 180]\n[field]\nmu0 = 0.6\ntau = [0, 1]\n"
 SCENE = f"nodes = 4\n{LAYER}{ASKED}"
+GOLD = '[particles.gold]\nindex = "gold"\nradius_um = 0.1\n[[layer]]\nparticles = "gold"\nthickness = 1.0\n'
 VRTE = [sys.executable, "-m", "vrte.cli"]
-HERE = {"scene.toml", "folder.nc"}
+HERE = {"scene.toml", "gold.toml", "dust.csv", "folder.nc"}
 GOOD = [  # a command line, what it prints, what it writes
     (
         "brdf scene.toml -o out.nc --csv out.csv --plot out.png --threads 1",
@@ -76,6 +77,9 @@ REFUSED = [  # a command line, words of the complaint, and of the page that says
     ("brdf scene.toml -o out.nc --wavelengths-um 0.6,0.5", "must be ascending wavelengths such as 0.45,0.55"),
     ("brdf absent.toml --mitsuba-nested --wavelengths-um 0.5 -o a.csv", "(docs/how_to/exports.md)"),
     ("brdf scene.toml --mitsuba out.bsdf", "--mitsuba needs 5 wavelengths"),
+    ("brdf gold.toml --mitsuba out.bsdf --wavelengths-um 0.5,0.6", "takes exactly 5 wavelengths, not 2"),
+    ("brdf gold.toml -o out.nc --wavelengths-um 0.5,99", "gold.toml: at 99 um: particles.gold.index: "),
+    ("brdf gold.toml -o out.nc --wavelengths-um 0.5 --plot a.jpg", "must end in .png or .svg or .pdf"),
     ("material gold", "--wavelength-um is missing"),
     ("material glod --wavelength-um 0.6", "did you mean 'gold'"),
     ("material glod --wavelength-um 0.6", "(docs/how_to/materials.md)"),
@@ -93,6 +97,10 @@ REFUSED = [  # a command line, words of the complaint, and of the page that says
     ("material --range-um 0.5:0.7:3", "needs the name of a material before it (docs/how_to/materials.md)"),
     ("phase --normalise", "needs the name of a file before it (docs/how_to/importing.md)"),
     ("phase scene.toml --recognise --plot a.png", "--plot plays no part in it"),
+    ("phase dust.csv --convention granada", "dust.csv: angle_deg must reach from 0 to 180 degrees, not from 3"),
+    ("phase dust.csv -o out.txt", "must end in .csv"),
+    ("materials -o cards.txt", "must end in .png or .svg or .pdf"),
+    ("sweep scene.toml -o out.csv", "must end in .zarr or .nc"),
     ("init lava", "invalid choice: 'lava'"),
     ("init --force", "--force needs a kind before it: powder, paint, cloud, snow, sea"),
     ("init -o a.toml", "-o needs a kind"),
@@ -115,9 +123,11 @@ CHANGED = [  # a text of the scene file, what stands in its place, and the end o
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder of now, with a scene file and a folder that has the name of a result."""
+    """The folder of now, with scene files, a scattering matrix, and a folder that has the name of a result."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "scene.toml").write_text(SCENE)
+    (tmp_path / "gold.toml").write_text(GOLD + ASKED)
+    (tmp_path / "dust.csv").write_text("angle_deg,F11\n3,1\n90,1\n177,1\n")
     (tmp_path / "folder.nc").mkdir()
     return tmp_path
 

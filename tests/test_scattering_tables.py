@@ -390,14 +390,3 @@ def test_the_command_tells_what_a_table_is_and_writes_it(
     reported = capsys.readouterr().out
     assert all(f"\n{name}: " in reported for name in CONVENTIONS)
     assert "F34      0.5014 at 30" in reported
-
-
-def test_the_command_refuses_in_one_line(dust_table: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for arguments, words in (
-        (("--normalise",), "--normalise needs the name of a file before it"),
-        ((dust_table, "--recognise", "--spheres"), "--recognise finds the convention"),
-        ((dust_table, "--convention", "granada"), "dust.csv: angle_deg must reach from 0 to 180 degrees, not from 3"),
-        ((dust_table, "-o", "out.txt"), "must end in .csv"),
-    ):
-        assert run("phase", *arguments) == 2
-        assert words in capsys.readouterr().err

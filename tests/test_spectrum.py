@@ -146,27 +146,6 @@ def test_the_command_solves_the_wavelengths_given_or_listed(
     assert run("brdf", scene, "-o", out) == 2
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--wavelengths-um", "0.6,0.5"], "must be ascending wavelengths such as 0.45,0.55, not '0.6,0.5'"),
-        (["--wavelengths-um", "0.5", "--plot", "a.jpg"], "must end in .png or .svg or .pdf"),
-        (["--mitsuba", "a.bsdf"], "--mitsuba needs 5 wavelengths, by --wavelengths-um or in the scene file"),
-        (["--mitsuba", "a.bsdf", "--wavelengths-um", "0.5,0.6"], "takes exactly 5 wavelengths, not 2"),
-        (["--wavelengths-um", "0.5,99"], "paint.toml: at 99 um: particles.gold.index: "),
-    ],
-)
-def test_the_command_complains_in_one_line(
-    options: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "paint.toml").write_text(TOML, encoding="utf-8")
-    assert run("brdf", tmp_path / "paint.toml", "-o", tmp_path / "out.nc", *options) == 2
-    reported = capsys.readouterr().err
-    assert words in reported
-    assert reported.count("\n") == 1
-    assert not (tmp_path / "out.nc").exists()
-
-
 MU, WEIGHTS = vrte.hemisphere(8)
 GLASS = vrte.Brdf(  # reflects as glass does, and absorbs the rest
     np.zeros((8, 8, 4, 4, 4)), np.zeros(8), MU, MU, [0.0, 90.0, 180.0, 270.0], {}, specular=reflect_smooth(1.5, MU)

@@ -429,14 +429,6 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
         assert dict(table.error.sizes) == {"wavelength_um": 2, "radius": 2, "share": 3, "base.albedo": 2}
         assert_close(table.radius, [0.02, 0.08], rtol=1e-15, atol=0.0)
         assert table.radius.attrs == {"units": "um", "long_name": "particles.gold.radius_um"}
-    for arguments, code, words in (
-        ((file, "-o", tmp_path / "t.csv"), 2, "must end in .zarr or .nc"),
-        ((tmp_path / "none.toml", "-o", output), 1, "No such file"),
-    ):
-        assert run("sweep", *arguments) == code
-        complaint = capsys.readouterr().err
-        assert words in complaint
-        assert complaint.count("\n") == 1
 
 
 @pytest.fixture(scope="module")
