@@ -123,6 +123,15 @@ def test_energy_is_conserved_on_many_nodes(algorithm: str) -> None:
     assert np.abs(field.flux_down + field.direct - field.flux_up).max() < 2 * nodes * 2.0**-53
 
 
+@BOTH
+@pytest.mark.parametrize("nodes", [1, 4])
+def test_a_base_sends_the_same_light_in_many_more_directions_than_nodes(algorithm: str, nodes: int) -> None:
+    scene = vrte.Scene([vrte.Layer(vrte.isotropic(), 0.9, 0.1)], vrte.Lambertian(0.4))
+    asked: dict[str, Any] = {"mu": np.linspace(0.01, 1.0, 60), "tau": 0.1, "nodes": nodes, "algorithm": algorithm}
+    light = vrte.radiance(scene, 0.7, **asked).stokes[0, :, 0, 0]
+    assert_close(light, light[0], rtol=1e-14, atol=0.0)
+
+
 def test_a_layer_as_the_base_of_another() -> None:
     """The BRDF of the lower layer, as a Mueller base with b2 != 0, must act as that layer does: no sign can hide."""
     low = vrte.Layer(spheroids(), 0.9, 2.0)

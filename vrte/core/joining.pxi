@@ -85,7 +85,7 @@ cdef void put_base(const SlabStack* p, Stack* stack, given base, given base_sour
         return
     reflect_both(p.nodes, p.v, stack.below, stack.spare)
     turn_columns(p.nodes, p.s.r, p.v, up)
-    turn_rows(p.nodes, p.s.o, p.v, p.out, stack.spare)
+    turn_rows(p.nodes, p.s.o, p.v, p.out, p.out + <size_t>n * p.s.o)
     absorbed = stack.flux.absorbed
     for i in range(n):
         absorbed[i] -= stack.below[<size_t>i * n + stack.flux.axis]
