@@ -39,7 +39,6 @@ def integers(*lists: Sequence[int]) -> list[np.ndarray]:
 
 def test_products(either_width: Session) -> None:
     """Of rows, inner, columns; with nothing of what was there where beta is 0, and padding that stays 0."""
-    (items,) = integers([3, 0, 2])
     for rows, inner, columns in SIZES:
         rng = np.random.default_rng(rows)
         for by_transpose, beta in product((False, True), (-0.7, 0.0)):
@@ -47,9 +46,9 @@ def test_products(either_width: Session) -> None:
             b = rng.standard_normal((4, inner, columns) if by_transpose else (4, columns, inner))
             c = rng.standard_normal((4, columns, rows)) if beta else np.full((4, columns, rows), np.nan)
             stacks = [upload_stack(either_width, values) for values in (a, b, c)]
-            multiply_stacks(either_width, either_width.upload(items), *stacks, 1.5, beta, by_transpose)
+            multiply_stacks(either_width, *stacks, 1.5, beta, by_transpose)
             expected = c.copy()
-            for item in items:
+            for item in range(4):
                 right = b[item] if by_transpose else b[item].T
                 expected[item] = (1.5 * a[item].T @ right + (beta * c[item].T if beta else 0.0)).T
             assert_close(download_stack(either_width, stacks[2]), expected, rtol=0.0, atol=1e-14 * inner)
@@ -59,9 +58,8 @@ def test_products(either_width: Session) -> None:
 def test_a_part_leaves_the_others_alone(either_width: Session) -> None:
     a, c = np.random.default_rng(2).random((2, 2, 24, 24))
     big, small = upload_stack(either_width, c), upload_stack(either_width, a)
-    (items,) = integers([0, 1])
-    multiply_stacks(either_width, either_width.upload(items), small.part(8, 0, 8, 24), small, big.part(16, 5, 8, 7))
-    for item in items:
+    multiply_stacks(either_width, small.part(8, 0, 8, 24), small, big.part(16, 5, 8, 7))
+    for item in range(2):
         c[item].T[16:24, 5:12] = a[item].T[8:16] @ a[item].T[:, :7]
     assert_close(download_stack(either_width, big), c, rtol=1e-13, atol=0.0)
 
@@ -71,20 +69,18 @@ MATRICES[50] = np.stack([np.roll(np.diag(np.arange(1.0, 51.0)), 7, axis=0)] * 3)
 
 
 def test_inverses(either_width: Session) -> None:
-    """Of the items listed alone."""
     for rows, stored in MATRICES.items():
-        found, info = inverted(either_width, stored, [2, 0])
+        found, info = inverted(either_width, stored)
         assert not info.any()
-        np.testing.assert_array_equal(found[1], stored[1])
-        for item in (0, 2):
+        for item in range(3):
             atol = 1e-14 * np.linalg.cond(stored[item])
             assert_close(found[item] @ stored[item], np.eye(rows), rtol=0.0, atol=atol)
 
 
-def inverted(session: Session, stored: np.ndarray, items: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+def inverted(session: Session, stored: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(item, column, row) after `invert`, and info."""
     stack = upload_stack(session, stored)
-    info = invert(session, session.upload(np.array(items, np.int32)), stack)
+    info = invert(session, stack)
     return download_stack(session, stack), session.download(info)
 
 
@@ -92,42 +88,41 @@ def test_what_cannot_be_inverted_or_is_nothing(either_width: Session) -> None:
     session = either_width
     stored = np.stack([np.eye(20), np.eye(20), np.zeros((20, 20))])
     stored[1][18, 18] = 0.0
-    found, info = inverted(session, stored, [0, 1, 2])
+    found, info = inverted(session, stored)
     np.testing.assert_array_equal(info, [0, 1, 1])
     np.testing.assert_array_equal(found[0], np.eye(20))
-    none, stack = session.upload(np.zeros(0, np.int32)), make_stack(session, 2, 5, 5)
-    multiply_stacks(session, none, stack, stack, stack)
-    assert not inverted(session, np.zeros((2, 5, 5)), [])[0].any()
+    none = make_stack(session, 0, 5, 5)
+    multiply_stacks(session, none, none, none)
+    assert not inverted(session, np.zeros((0, 5, 5)))[0].size
     with pytest.raises(AssertionError):  # parts begin at strips
         Stack(None, 20, 20, 24, 480).part(5, 0, 8, 8)
 
 
-def ask_of_two_materials(session: Session) -> list[Any]:
-    """Directions of five nodes and two others, two materials with b2, the second one of fewer terms."""
+def ask_of_two_materials() -> list[Any]:
+    """Coefficients, terms and albedo of two materials with b2, the second one of fewer terms; directions of five nodes
+    and two others, weights."""
     nodes, weights = np.polynomial.legendre.leggauss(5)
     degree, draw = np.arange(7)[:, None], np.random.default_rng(7)
     table = draw.normal(size=(7, 6)) * (2 * degree + 1) * 0.8**degree / 3.0  # of a strength that a scene can have
     table[0, 0] = 1.0
     directions = np.concatenate([(nodes + 1.0) / 2.0, [0.3, 0.77]])
-    given = np.stack([table, 0.5 * table]), np.array([7, 5], np.int32), np.array([0.9, 0.6]), directions, weights / 2.0
-    return [session.upload(values) for values in given]
+    return [np.stack([table, 0.5 * table]), np.array([7, 5], np.int32), np.array([0.9, 0.6]), directions, weights / 2.0]
 
 
 @pytest.mark.parametrize("stage", ["assemble", "reflect_semi_infinite"])
 def test_an_item_does_not_depend_on_the_others(either_width: Session, stage: str) -> None:
-    """Nor on a material or a tolerance that is not its own; those listed, in any order, and nothing else."""
-    upload, asked = either_width.upload, ask_of_two_materials(either_width)
+    """Nor on a material or a tolerance that is not its own, in any order."""
+    coefficients, terms, albedo, directions, weights = ask_of_two_materials()
     order, material, tolerance = *integers([4, 0, 1, 2], [0, 1, 0, 1]), np.array([1e-3, 1e-12, 1e-6, 1e-9])
-    pairs = upload(order), upload(material), (0, 1, 2, 3)
-    ends = *map(upload, integers([0], [1])), upload(np.eye(4)), upload(tolerance)
+    out, into, going = integers([0], [1], [0])
 
-    def find(items: Sequence[int]) -> list[np.ndarray]:
-        (listed,) = integers(items)
+    def find(items: Sequence[int], stop: np.ndarray = going) -> list[np.ndarray]:
+        pairs = order[list(items)], material[list(items)]
+        what = assembly.upload_scattering(either_width, *pairs, coefficients, terms, albedo, range(4))
         if stage == "assemble":
-            made = assembly.assemble(either_width, upload(listed), *pairs, *asked, 1)
-            return [download_stack(either_width, made.E)[listed]]
-        found = invariance.reflect_semi_infinite(either_width, upload(listed), *pairs, *asked, *ends)
-        return [either_width.download(each)[listed] for each in (found.up, found.on_nodes, found.residual, found.steps)]
+            return [download_stack(either_width, assembly.assemble(either_width, what, directions, weights, 1).E)]
+        ends = out, into, np.eye(4), tolerance[list(items)], stop
+        return list(invariance.reflect_semi_infinite(either_width, what, directions, weights, *ends))
 
     whole = find([0, 1, 2, 3])
     for items in ([3], [2, 0], [1, 3, 2]):
@@ -135,21 +130,14 @@ def test_an_item_does_not_depend_on_the_others(either_width: Session, stage: str
             assert (part == complete[items]).all()
     if stage == "reflect_semi_infinite":
         assert (whole[2] <= tolerance).all()
-        one, rest = upload(np.zeros(1, np.int32)), [*pairs, *asked, *ends]
-        counts = [
-            either_width.download(invariance.reflect_semi_infinite(either_width, one, *rest, stop).steps)[0]
-            for stop in integers([1], [0])
-        ]
-        assert counts[0] < counts[1]
+        assert find([0], np.ones(1, np.int32))[3][0] < find([0])[3][0]
 
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
 @pytest.mark.parametrize("albedo", [0.9, 0.0])
 def test_invariance_takes_the_steps_that_the_core_takes(either_width: Session, tolerance: float, albedo: float) -> None:
     """The last order has nothing to scatter, and neither has a clear layer: they send nothing back."""
-    coefficients, _, _, directions, weights = (
-        either_width.download(each) for each in ask_of_two_materials(either_width)
-    )
+    coefficients, _, _, directions, weights = ask_of_two_materials()
     orders, members, out, into, terms = integers([1, 2, 3, 4, 5, 9], range(4), [0], [1], [7])
     given = {"orders": orders, "members": members, "coefficients": coefficients[:1], "terms": terms}
     given |= {"albedo": np.array([albedo]), "directions": directions, "weights": weights}
@@ -195,7 +183,7 @@ def test_what_goes_to_and_from_a_device_is_counted(opencl: Any) -> None:
     before = Traffic(**vars(opencl.traffic))
     small, large = opencl.upload(np.ones(3)), opencl.upload(np.ones(3000))
     opencl.zeros((5,))
-    opencl.launch("invariance_rate", (0,))  # of nothing: not launched
+    opencl.launch("invert", (0,))  # of nothing: not launched
     opencl.download(small)
     opencl.download(large)
     opencl.finish()

@@ -39,9 +39,9 @@ void put_members(__global real* to, int members, real4 value)
 // What all directions of an item share: factors (item, n_term + 1, 4) of each step of Wigner's functions, lower and upper one
 // for k = 0, then for k = +-2; the starts' factors last. Pieces: items.
 SHARED
-__kernel void wigner_factors(int n_term, INTS order, OUT factors, INTS items)
+__kernel void wigner_factors(int n_term, INTS order, OUT factors)
 {
-    const long item = items[get_group_id(0)];
+    const long item = get_group_id(0);
     const int m = order[item];
     factors += item * 4 * (n_term + 1);
     SPREAD(l, m, n_term)
@@ -56,9 +56,9 @@ __kernel void wigner_factors(int n_term, INTS order, OUT factors, INTS items)
 // where nothing is scattered. Pieces: `each` directions, items.
 SHARED
 __kernel void parity_columns(SCATTERING, int n_all, int n_node, int n_out, int each, IN mu, IN weights, IN factors,
-                             ALONE(phi), __global int* restrict counts, INTS items)
+                             ALONE(phi), __global int* restrict counts)
 {
-    const long item = items[get_group_id(1)];
+    const long item = get_group_id(1);
     const int m = order[item], stokes = popcount(members), begin_i = each * get_group_id(0);
     const int n_degree = albedo[material[item]] == 0.0 ? 0 : max(0, terms[material[item]] - m);
     const int few[2] = {columns_of_kind(m, members, 0), columns_of_kind(m, members, 1)};
@@ -152,9 +152,9 @@ void multiply_by_coefficients(int m, int begin, int end, int members, int odd, r
 // psi = albedo phi B^T, F's columns odd_sign times. Pieces: `each` degrees, items.
 SHARED
 __kernel void times_coefficients(SCATTERING, int n_strip, int each, real v_sign, real odd_sign, INTS counts,
-                                 ALONE(phi), ALONE(psi), INTS items)
+                                 ALONE(phi), ALONE(psi))
 {
-    const long item = items[get_group_id(1)];
+    const long item = get_group_id(1);
     const int m = order[item], begin = m + each * (int)get_group_id(0), end = min(terms[material[item]], begin + each);
     const real factor = albedo[material[item]];
     if (factor == 0.0)
@@ -169,9 +169,9 @@ __kernel void times_coefficients(SCATTERING, int n_strip, int each, real v_sign,
 
 // The diagonals 1/mu of E and F. Pieces: items.
 SHARED
-__kernel void add_rates(int n, int stokes, IN mu, ALONE(E), ALONE(F), INTS items)
+__kernel void add_rates(int n, int stokes, IN mu, ALONE(E), ALONE(F))
 {
-    const long item = items[get_group_id(0)];
+    const long item = get_group_id(0);
     SPREAD(i, 0, n) {
         OF_ITEM(E)[(long)i * E_ld + i] += 1.0 / mu[i / stokes];
         OF_ITEM(F)[(long)i * F_ld + i] += 1.0 / mu[i / stokes];

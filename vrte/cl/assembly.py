@@ -1,8 +1,5 @@
 """E and F of (1:41) with the rows and columns that lead out of and into the nodes, on a device: `_core.assemble` for
-all items at once.
-
-An item is a Fourier order and a material, ``order[item]`` and ``material[item]`` on the device; materials have
-``coefficients`` (material, term, 6), ``terms`` and ``albedo`` (material,). ``members``: places of Stokes parameters.
+all items at once, an item being a Fourier order and a material.
 """
 
 from collections.abc import Sequence
@@ -23,16 +20,15 @@ DEGREES_A_PIECE = 20
 
 @dataclass(frozen=True, eq=False)
 class Scattering(Placed):
-    """What scatters in each item, on the device: the listed items; order, material (item,); coefficients (material,
-    term, 6); terms, albedo (material,); and the members of the Stokes vector, on the host."""
+    """What scatters in each item, on the device: order, material (item,); coefficients (material, term, 6); terms,
+    albedo (material,); and the members of the Stokes vector, on the host."""
 
-    items: Any
     order: Any
     material: Any
-    members: tuple[int, ...]
     coefficients: Any
     terms: Any
     albedo: Any
+    members: tuple[int, ...]
 
     @property
     def stokes(self) -> int:
@@ -40,8 +36,8 @@ class Scattering(Placed):
         return len(self.members)
 
     @property
-    def room(self) -> int:
-        """Items that there is room for."""
+    def items(self) -> int:
+        """How many there are."""
         return int(self.order.size)
 
     @property
@@ -51,10 +47,17 @@ class Scattering(Placed):
 
     @property
     def place(self) -> tuple[Any, ...]:
-        """All but the items, the members as bits of a number."""
+        """SCATTERING of assembly.cl, the members as bits of a number."""
         bits = sum(1 << member for member in self.members)
-        arrays = self.coefficients, self.order, self.material, self.terms, self.albedo
-        return self.n_term, bits, *arrays
+        return self.n_term, bits, self.coefficients, self.order, self.material, self.terms, self.albedo
+
+
+def upload_scattering(
+    session: Session, order: Any, material: Any, coefficients: Any, terms: Any, albedo: Any, members: Any
+) -> Scattering:
+    """Of arrays of the host."""
+    arrays = (np.asarray(order, np.int32), np.asarray(material, np.int32), coefficients, terms, albedo)
+    return Scattering(*(session.constant(each) for each in arrays), tuple(int(each) for each in members))
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,25 +98,19 @@ def count_most_columns(members: Sequence[int], n_term: int) -> int:
     return max(n_term * (alone + polar), (n_term - 1) * (alone + 2 * min(polar, 1)))
 
 
-def compute_parity_columns(
-    session: Session,
-    what: Scattering,
-    directions: Any,
-    weights: Any,
-    n_out: int,
-) -> Columns:
+def compute_parity_columns(session: Session, what: Scattering, directions: Any, weights: Any, n_out: int) -> Columns:
     """The columns of P_l^m on the nodes (as many as weights), the next ``n_out`` directions, and the rest; what an item
     has fewer of than others is left unwritten."""
     n_node, n_all = weights.size, directions.size
     second = pad_to_strips(what.stokes * n_node)
     third = second + pad_to_strips(what.stokes * n_out)
     rows = third + pad_to_strips(what.stokes * (n_all - n_node - n_out))
-    phi = make_stack(session, what.room, rows, count_most_columns(what.members, what.n_term), bare=True)
-    counts, factors = session.empty((what.room, 2), np.int32), session.empty((what.room, what.n_term + 1, 4))
-    session.launch("wigner_factors", (what.items.size,), what.n_term, what.order, factors, what.items)
-    each = max(DIRECTIONS_A_PIECE, session.lanes)
-    arguments = what, n_all, n_node, n_out, each, directions, weights, factors, phi, counts, what.items
-    session.launch("parity_columns", (-(-n_all // each), what.items.size), *arguments)
+    phi = make_stack(session, what.items, rows, count_most_columns(what.members, what.n_term), bare=True)
+    counts, factors = session.empty((what.items, 2), np.int32), session.empty((what.items, what.n_term + 1, 4))
+    session.launch("wigner_factors", (what.items,), what.n_term, what.order, factors)
+    each, cosines = max(DIRECTIONS_A_PIECE, session.lanes), (session.constant(directions), session.constant(weights))
+    arguments = what, n_all, n_node, n_out, each, *cosines, factors, phi, counts
+    session.launch("parity_columns", (-(-n_all // each), what.items), *arguments)
     return Columns(phi, counts, (0, second, third))
 
 
@@ -122,37 +119,24 @@ def multiply_by_coefficients(
 ) -> None:
     """psi = albedo phi B^T; V's column of phi counts v_sign times, F's columns odd_sign times."""
     each = DEGREES_A_PIECE
-    arguments = what, pad_to_strips(phi.rows) // STRIP, each, v_sign, odd_sign, counts, phi, psi, what.items
-    session.launch("times_coefficients", (-(-what.n_term // each), what.items.size), *arguments)
+    arguments = what, pad_to_strips(phi.rows) // STRIP, each, v_sign, odd_sign, counts, phi, psi
+    session.launch("times_coefficients", (-(-what.n_term // each), what.items), *arguments)
 
 
-def assemble(
-    session: Session,
-    items: Any,
-    order: Any,
-    material: Any,
-    members: Sequence[int],
-    coefficients: Any,
-    terms: Any,
-    albedo: Any,
-    directions: Any,
-    weights: Any,
-    n_out: int,
-) -> Assembled:
-    """E and F of (1:41), what leads out of the nodes and the beam's sources, for the listed items.
+def assemble(session: Session, what: Scattering, directions: Any, weights: Any, n_out: int) -> Assembled:
+    """E and F of (1:41), what leads out of the nodes and the beam's sources. Enqueues only.
 
-    directions: nodes, then n_out outgoing, then incident cosines; weights (N,). Enqueues only."""
-    what = Scattering(items, order, material, tuple(members), coefficients, terms, albedo)
+    directions: nodes, then n_out outgoing, then incident cosines; weights (N,), both on the host."""
     n_in = directions.size - weights.size - n_out
     n, out, into = (what.stokes * number for number in (weights.size, n_out, n_in))
     columns = compute_parity_columns(session, what, directions, weights, n_out)
     phi, phi_out, phi_in = (columns.rows(part, rows) for part, rows in enumerate((n, out, into)))
-    psi, psi_in = (make_stack(session, what.room, rows, phi.columns, bare=True) for rows in (n, into))
+    psi, psi_in = (make_stack(session, what.items, rows, phi.columns, bare=True) for rows in (n, into))
     for whole, product_of in ((phi, psi), (phi_in, psi_in)):
         if whole.rows:
             multiply_by_coefficients(session, what, columns.counts, whole, product_of)
     shapes = [(n, n), (n, n), (out, n), (out, n), (n, into), (n, into)]
-    E, F, G_E, G_F, source_s, source_d = (make_stack(session, what.room, *shape, bare=True) for shape in shapes)
+    E, F, G_E, G_F, source_s, source_d = (make_stack(session, what.items, *shape, bare=True) for shape in shapes)
     for part, matrix, leading_out, source in ((0, E, G_E, source_d), (1, F, G_F, source_s)):
         for left, right, made, sign in (
             (phi, psi, matrix, -1.0),
@@ -160,30 +144,20 @@ def assemble(
             (phi, psi_in, source, 1.0),
         ):
             if made.rows and made.columns:
-                multiply_over_columns(session, items, columns.counts, part, left, right, made, sign)
-    session.launch("add_rates", (items.size,), n, what.stokes, directions, E, F, items)
+                multiply_stacks(session, left, right, made, sign, 0.0, True, part, columns.counts)
+    session.launch("add_rates", (what.items,), n, what.stokes, session.constant(directions), E, F)
     return Assembled(E, F, G_E, G_F, source_s, source_d)
-
-
-def multiply_over_columns(
-    session: Session, items: Any, counts: Any, part: int, a: Stack, b: Stack, c: Stack, alpha: float, beta: float = 0.0
-) -> None:
-    """c = alpha a b^T + beta c over the columns of a and b that are E's (part 0), F's (1) or either's (2)."""
-    multiply_stacks(session, items, a, b, c, alpha, beta, True, part, counts)
 
 
 @stand_in_for(_core.assemble)
 def assemble_arrays(session: Session, crew: ThreadTeam, given: Any) -> None:
     """Fills E, F, G_E, G_F, source_s and source_d."""
-    order, material = np.meshgrid(given.orders, np.arange(given.terms.size, dtype=np.int32), indexing="ij")
+    order, material = np.meshgrid(given.orders, np.arange(given.terms.size), indexing="ij")
     if not order.size or crew.stop[0]:
         return
-    upload = session.constant
-    pairs = upload(np.arange(order.size, dtype=np.int32)), upload(order.ravel()), upload(material.ravel())
-    materials = upload(given.coefficients), upload(given.terms), upload(given.albedo)
-    cosines = upload(given.directions), upload(given.weights), given.n_out
-    made = assemble(session, *pairs, given.members.tolist(), *materials, *cosines)
-    for name, stack in vars(made).items():
+    materials = given.coefficients, given.terms, given.albedo, given.members
+    what = upload_scattering(session, order.ravel(), material.ravel(), *materials)
+    for name, stack in vars(assemble(session, what, given.directions, given.weights, given.n_out)).items():
         array = getattr(given, name)
         if array.size:
             array[...] = download_stack(session, stack).reshape(array.shape)

@@ -31,8 +31,7 @@
 #define VRTE_SHARED
 
 // Matrices are stored column by column; "ld" is the distance of two columns, a multiple of 8 doubles, so that a column
-// starts where eight doubles may be loaded at once. A stack holds one matrix an item, `stride` doubles apart; `items`
-// lists which of them a launch is for.
+// starts where eight doubles may be loaded at once. A stack holds one matrix an item, `stride` doubles apart.
 // vload4 and fma are calls on some devices: pointers to vectors and a * b + c are not.
 
 #define AT(p, i) (((__global const real4*)(p))[i])
@@ -66,8 +65,8 @@ real larger(real a, real b)
     return b > a || b != b ? b : a;
 }
 
-// The largest that any lane of a piece has, to all of them; shelf: room for one of each.
-real largest_of_lanes(real mine, __local real* shelf)
+// The sum of what all lanes of a piece have, or the largest, to all of them; shelf: room for one of each.
+real of_lanes(bool adding, real mine, __local real* shelf)
 {
     if (LANES == 1)
         return mine;
@@ -75,24 +74,7 @@ real largest_of_lanes(real mine, __local real* shelf)
     for (int apart = LANES / 2; apart > 0; apart /= 2) {
         TOGETHER
         if (LANE < apart)
-            shelf[LANE] = larger(shelf[LANE], shelf[LANE + apart]);
-    }
-    TOGETHER
-    const real found = shelf[0];
-    TOGETHER
-    return found;
-}
-
-// The sum of what all lanes of a piece have, to all of them.
-real sum_of_lanes(real mine, __local real* shelf)
-{
-    if (LANES == 1)
-        return mine;
-    shelf[LANE] = mine;
-    for (int apart = LANES / 2; apart > 0; apart /= 2) {
-        TOGETHER
-        if (LANE < apart)
-            shelf[LANE] += shelf[LANE + apart];
+            shelf[LANE] = adding ? shelf[LANE] + shelf[LANE + apart] : larger(shelf[LANE], shelf[LANE + apart]);
     }
     TOGETHER
     const real found = shelf[0];

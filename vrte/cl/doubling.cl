@@ -208,7 +208,7 @@ real diagonal_difference(const Work* w, Extended a)
             found = larger(found, fabs(a.M[(long)i * w->s.ld + i] - (real)1.0));
     SPREAD(i, 0, w->s.o + w->s.r)
         found = larger(found, fabs(a.OO[i] - (real)1.0));
-    return largest_of_lanes(found, w->with.shelves.size);
+    return of_lanes(false, found, w->with.shelves.size);
 }
 
 // One operation of a list.

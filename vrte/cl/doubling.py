@@ -92,19 +92,6 @@ class Frame:
 
 
 @dataclass(frozen=True, eq=False)
-class Items:
-    """One slab and Fourier order each: thickness, albedo, asymmetry (item,); of (item,): place of its matrices; turned
-    (item,): whether it is order 0 and carries the flux; clear (item,): whether it is not to be doubled."""
-
-    thickness: Array
-    albedo: Array
-    asymmetry: Array
-    of: NDArray[np.int32]
-    turned: NDArray[np.bool_]
-    clear: NDArray[np.bool_]
-
-
-@dataclass(frozen=True, eq=False)
 class Slabs:
     """On the device: R and T (item, numbers of a matrix), lost (item, n), residual (item, 2); state (item,): `Slab` of
     doubling.cl, its doublings and whether a matrix was singular."""
@@ -128,33 +115,36 @@ def compute_householder_vector(frame: Frame) -> tuple[Array, Array]:
     return v, row - (v @ row) * v
 
 
-def describe_slabs(session: Session, frame: Frame, items: Items) -> Any:
-    """`Slab` of doubling.cl of every item, before it is doubled."""
+def describe_slabs(
+    session: Session,
+    frame: Frame,
+    thickness: Array,
+    albedo: Array,
+    asymmetry: Array,
+    of: NDArray[np.int32],
+    turned: NDArray[np.bool_],
+    clear: NDArray[np.bool_],
+) -> Any:
+    """`Slab` of doubling.cl of every slab and Fourier order, (item,), before it is doubled. of: place of its matrices;
+    turned: whether it is order 0 and carries the flux; clear: whether it is not to be doubled."""
     kinds = [(name, session.real) for name in REALS] + [(name, np.int32) for name in INTEGERS]
-    found, conservative = np.zeros(items.of.size, np.dtype(kinds, align=True)), items.albedo == 1.0
-    slowest = np.sqrt((1.0 - items.albedo) * (1.0 - items.albedo * items.asymmetry))
-    known = {
-        "thickness": items.thickness,
-        "albedo": items.albedo,
-        "slowest": np.where(~items.turned | conservative, np.maximum(slowest, 0.05), slowest),
-        "steepest": frame.rates.max(),
-        "from": items.of,
-        "turned": items.turned,
-        "clear": items.clear,
-        "conservative": conservative,
-    }
+    found, conservative = np.zeros(of.size, np.dtype(kinds, align=True)), albedo == 1.0
+    slowest = np.sqrt((1.0 - albedo) * (1.0 - albedo * asymmetry))
+    known = {"thickness": thickness, "albedo": albedo, "steepest": frame.rates.max(), "from": of, "turned": turned}
+    known["slowest"] = np.where(~turned | conservative, np.maximum(slowest, 0.05), slowest)
+    known |= {"clear": clear, "conservative": conservative}
     with np.errstate(over="ignore"):
         for name, values in known.items():
             found[name] = values
     return found
 
 
-def double(session: Session, frame: Frame, items: Items, matrices: Assembled, stop: NDArray[np.int32]) -> Slabs:
-    """R and T of every item: some doublings a launch, until none is left."""
-    s, count = frame.sizes, items.of.size
+def double(session: Session, frame: Frame, slabs: Any, matrices: Assembled, stop: NDArray[np.int32]) -> Slabs:
+    """R and T of all `describe_slabs`: some doublings a launch, until none is left."""
+    s, count = frame.sizes, slabs.size
     v, clear_row = compute_householder_vector(frame)
     flux, *others = (session.constant(each) for each in (frame.flux, v, clear_row, frame.rates, frame.columns))
-    state = session.upload(describe_slabs(session, frame, items))
+    state = session.upload(slabs)
     room = session.zeros((count, MATRICES, s.numbers))
     R, T, lost, residual = (session.zeros((count, size)) for size in (s.numbers, s.numbers, s.n, 2))
     scratch = session.empty((count, PANEL * s.n)), session.empty((count, s.n), np.int32)
@@ -187,10 +177,11 @@ def double_slabs(session: Session, crew: ThreadTeam, given: Any) -> None:
         np.broadcast_to(values, shape).ravel()
         for values in (given.thickness, albedo[material], given.asymmetry[material])
     )
-    items = Items(thick, scattering, forward, of.ravel(), turned.ravel(), (scattering == 0.0) & given.clear)
+    kinds = of.ravel(), turned.ravel(), (scattering == 0.0) & given.clear
+    slabs = describe_slabs(session, frame, thick, scattering, forward, *kinds)
     matrices = given.E, given.F, given.G_E, given.G_F, given.source_s, given.source_d
     stacks = (upload_stack(session, a.reshape(-1, *a.shape[2:])) for a in matrices)
-    found = double(session, frame, items, Assembled(*stacks), crew.stop)
+    found = double(session, frame, slabs, Assembled(*stacks), crew.stop)
     R, T, lost, residual, state = session.download_all([found.R, found.T, found.lost, found.residual, found.state])
     given.R[:], given.T[:] = (take_blocks(frame.sizes, rows).reshape(*shape, -1) for rows in (R, T))
     given.lost[:], given.residual[:] = lost.reshape(given.lost.shape), residual.reshape(*shape, 2)

@@ -70,7 +70,7 @@ real largest_of(int rows, int columns, int sums, __global const real* a, int ld,
         }
         found = larger(found, sums ? total : most);
     }
-    return largest_of_lanes(found, shelf);
+    return of_lanes(false, found, shelf);
 }
 
 // c = alpha a + beta b + gamma 1.

@@ -14,16 +14,6 @@ typedef struct
     real missing;
 } Convergence;
 
-// mu of a direction at each of its Stokes parameters, minus where that is V (`v_place`); up to the next multiple of 8 the
-// last one again. Global size: 1.
-__kernel void cosines_of_rows(int n_mu, int stokes, int v_place, IN mu, int first, OUT out)
-{
-    for (int i = 0; i < next_strip(stokes * n_mu); i++) {
-        const real cosine = mu[first + min(i / stokes, n_mu - 1)];
-        out[i] = i % stokes == v_place ? -cosine : cosine;
-    }
-}
-
 // What a step gains at least, the largest albedo |B_l| / (2 l + 1) of the degrees m .. terms - 1.
 real rate_of_item(int m, int terms, real albedo, __global const real* c)
 {
@@ -33,13 +23,6 @@ real rate_of_item(int m, int terms, real albedo, __global const real* c)
         largest = fmax(largest, albedo * vrte_norm_of_degree(b[0], b[1], b[2], b[3], b[4], b[5]) / (2.0 * l + 1.0));
     }
     return fmin(largest, (real)0.999);
-}
-
-// rate (item,). Global size: items.
-__kernel void invariance_rate(SCATTERING, OUT rate, INTS items)
-{
-    const int item = items[get_global_id(0)], of = material[item];
-    rate[item] = rate_of_item(order[item], terms[of], albedo[of], coefficients + (long)of * n_term * 6);
 }
 
 #define SHARE_OF_COLUMN(x) if (j + x < columns) { \
@@ -203,17 +186,18 @@ int dealt(int group, int number, int units)
 // Matrices like R: that itself, where the last three steps led and by how much they moved, the latest first.
 #define STEPS __global real* R, __global real* led, __global real* led_1, __global real* led_2, \
     __global real* moved, __global real* moved_1, __global real* moved_2
-#define JUDGED IN rate, IN tolerance, OUT residual, __global int* restrict steps
+#define JUDGED IN tolerance, OUT residual, __global int* restrict steps
 
 // As many fixed points as an item needs, strips shared by the lanes: R, H and what is missing of it. Pieces: items.
 SHARED
 __kernel void invariance_converge(SCATTERING, int units, int most, int strips, int symmetric, int n, INTS counts,
                                 IN row_mu, IN signed_mu, STACK(phi), STACK(nodes_H), STEPS, STACK(H), int h_columns,
-                                __global real* HC, JUDGED, INTS items)
+                                __global real* HC, JUDGED)
 {
     __local real shelf[LANES];
-    const long item = items[dealt(get_group_id(0), get_num_groups(0), units)], place = item * strips * STRIP * n;
+    const long item = dealt(get_group_id(0), get_num_groups(0), units), place = item * strips * STRIP * n;
     const int columns = number_of_columns(counts, item, 2), of = material[item];
+    const real rate = rate_of_item(order[item], terms[of], albedo[of], coefficients + of * (long)6 * n_term);
     Convergence convergence = {0.0, 0.0, 0.0, {1.0, 0.0, 0.0}, 1.0};
     bool done = false;
     led += place;
@@ -234,8 +218,8 @@ __kernel void invariance_converge(SCATTERING, int units, int most, int strips, i
                 step_of_strip(strip, symmetric, n, columns, row_mu, signed_mu, HC, h_columns, nodes_H, nodes_H_ld, R, led,
                               moved, moved_1, moved_2, found);
             for (int v = 0; v < 5; v++)
-                found[v] = v < 3 ? sum_of_lanes(found[v], shelf) : largest_of_lanes(found[v], shelf);
-            convergence = judged(step, found, rate[item], tolerance[item], convergence, &done);
+                found[v] = of_lanes(v < 3, found[v], shelf);
+            convergence = judged(step, found, rate, tolerance[item], convergence, &done);
         }
         SPREAD(strip, 0, strips) {
             mix_strip(strip, step < 0, symmetric, n, convergence.share, led, led_1, led_2, signed_mu, R);
@@ -264,37 +248,4 @@ __kernel void invariance_converge(SCATTERING, int units, int most, int strips, i
     }
     if (LANE == 0 && !(convergence.missing <= residual[item]))
         residual[item] = convergence.missing;
-}
-
-// up (item, beam, column, S n_out) from Ruu (u, u), all but what is scattered once, not yet over the rates, divided by mu;
-// on_nodes (item, beam, column, n) = Q Ru^T Q, Ru stored strip by strip. Pieces: beams, items.
-SHARED
-__kernel void invariance_results(int n, int stokes, int v_place, int n_out, int n_col, IN off_mu, INTS out, INTS into, IN columns,
-                                 STACK(Ruu), IN Ru, long stride, OUT up, OUT on_nodes, INTS items)
-{
-    const long item = items[get_group_id(1)], beam = get_group_id(0), n_in = get_num_groups(0);
-    const int from = stokes * into[beam], n_up = stokes * n_out;
-    Ruu = OF_ITEM(Ruu) + (long)from * Ruu_ld;
-    Ru += item * stride;
-    for (int c = 0; c < n_col; c++) {
-        const long rhs = (item * n_in + beam) * n_col + c;
-        __global const real* of = columns + c * stokes;
-        SPREAD(i, 0, n_up) {
-            const int row = stokes * out[i / stokes] + i % stokes;
-            const real to = fabs(off_mu[row]);
-            real total = 0.0;
-            for (int b = 0; b < stokes; b++)
-                total += 0.5 * off_mu[from + b] / (to + fabs(off_mu[from + b])) * Ruu[(long)b * Ruu_ld + row] * of[b];
-            up[rhs * n_up + i] = total;
-        }
-        SPREAD(j, 0, n) {
-            real total = 0.0;
-            for (int b = 0; b < stokes; b++) {
-                const real sign = (b == v_place) != (j % stokes == v_place) ? -1.0 : 1.0;
-                const int row = from + b;
-                total += sign * Ru[(long)(row / STRIP) * STRIP * n + (long)j * STRIP + row % STRIP] * of[b];
-            }
-            on_nodes[rhs * n + j] = total;
-        }
-    }
 }

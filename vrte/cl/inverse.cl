@@ -130,12 +130,12 @@ int invert_matrix(int n, __global real* M, int ld, __global real* rest, __global
 
 // The same of a stack, all by an item; info: 0, or 1 where M is singular. Pieces: items.
 SHARED
-__kernel void invert(int n, STACK(M), OUT rest, __global int* restrict pivots, __global int* restrict info, INTS items)
+__kernel void invert(int n, STACK(M), OUT rest, __global int* restrict pivots, __global int* restrict info)
 {
     __local real size[LANES], row[PANEL];
     __local int place[LANES];
     const Shelves shelves = {size, place, row};
-    const long item = items[get_group_id(0)];
+    const long item = get_group_id(0);
     const int singular = invert_matrix(n, OF_ITEM(M), M_ld, rest + item * (long)n * PANEL, pivots + item * n, shelves);
     if (LANE == 0)
         info[item] = singular;

@@ -162,11 +162,11 @@ SHARED
 __kernel void join_slabs(int places, SIZES, int levels, int dark, real flux_size, IN rates, INTS slab, IN above, INTS turned,
                          INTS interface, IN R, IN T, IN lost, STACK(below), STACK(emitted), STACK(base_out), OUT absorbed,
                          OUT room, OUT rest, __global int* restrict pivots, OUT up, OUT down, OUT flux, OUT residual,
-                         __global int* restrict info, INTS items)
+                         __global int* restrict info)
 {
     __local real size[LANES], panel_row[PANEL];
     __local int where[LANES];
-    const long item = items[get_group_id(0)], square = (long)n * p, beams = (long)r * p;
+    const long item = get_group_id(0), square = (long)n * p, beams = (long)r * p;
     const int o_ld = next_strip(o), axis = n - stokes;
     room += item * (square * (places + 4) + beams * (3 * places + 4) + 2L * o_ld * r + 2 * p);
     __global real *G = room, *M = G + places * square, *g = M + 4 * square, *rising = g + places * beams;

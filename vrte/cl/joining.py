@@ -89,10 +89,7 @@ def join(session: Session, frame: Frame, of: SlabStacks, R: Any, T: Any, lost: A
     found = Joined(new(field), new(field), new((count, levels, 2, s.r)), new((count,), np.int32), new((count, places)))
     sizes = places, s, levels, of.ground is None, frame.flux_size
     made = found.up, found.down, found.flux, found.residual, found.info
-    items = session.constant(np.arange(count, dtype=np.int32))
-    session.launch(
-        "join_slabs", (count,), *sizes, *known, R, T, lost, *base, new((count, each)), *scratch, *made, items
-    )
+    session.launch("join_slabs", (count,), *sizes, *known, R, T, lost, *base, new((count, each)), *scratch, *made)
     return found
 
 

@@ -74,7 +74,6 @@ def download_stack(session: Session, stack: Stack) -> Array:
 
 def multiply_stacks(
     session: Session,
-    items: Any,
     a: Stack,
     b: Stack,
     c: Stack,
@@ -84,7 +83,7 @@ def multiply_stacks(
     part: int = -1,
     counts: Any = None,
 ) -> None:
-    """c = alpha a b + beta c, or a b^T, for the listed items (device array of int32); c is neither a nor b.
+    """c = alpha a b + beta c, or a b^T, of every item; c is neither a nor b.
 
     With counts (item, 2) the sum is over E's columns (part 0), F's (1) or either's (2).
     """
@@ -93,14 +92,14 @@ def multiply_stacks(
     rows = pad_to_strips(c.rows)
     each, wide = (STRIPS, max(c.columns, 1)) if session.lanes == 1 else (SHARED_STRIPS, SHARED_COLUMNS)
     sums = rows, each, wide, c.columns, a.columns, alpha, beta, part, counts
-    pieces = -(-rows // (STRIP * each)), -(-c.columns // wide), items.size
-    session.launch("product", pieces, *sums, a, data, first, *steps, stride, c, items)
+    pieces = -(-rows // (STRIP * each)), -(-c.columns // wide), c.data.shape[0]
+    session.launch("product", pieces, *sums, a, data, first, *steps, stride, c)
 
 
-def invert(session: Session, items: Any, m: Stack) -> Any:
-    """m <- m^-1 for the listed items; 1 where a matrix is singular, (item,) on the device."""
+def invert(session: Session, m: Stack) -> Any:
+    """m <- m^-1 of every item; 1 where a matrix is singular, (item,) on the device."""
     count = m.data.shape[0]
     scratch = session.empty((count, PANEL * m.rows)), session.empty((count, m.rows), np.int32)
     info = session.zeros((count,), np.int32)
-    session.launch("invert", (items.size,), m.rows, m, *scratch, info, items)
+    session.launch("invert", (count,), m.rows, m, *scratch, info)
     return info

@@ -49,9 +49,9 @@ int number_of_columns(__global const int* counts, long item, int part)
 // of that part. Pieces: `each` strips of 8 rows, `wide` columns (a multiple of 6), items; a lane makes tiles.
 SHARED
 __kernel void product(int rows, int each, int wide, int columns, int all, real alpha, real beta, int part, INTS counts,
-                      ALONE(A), IN B, long B_first, int b_row, int b_column, long B_stride, ALONE(C), INTS items)
+                      ALONE(A), IN B, long B_first, int b_row, int b_column, long B_stride, ALONE(C))
 {
-    const long item = items[get_group_id(2)];
+    const long item = get_group_id(2);
     const int inner = part < 0 ? all : number_of_columns(counts, item, part);
     const int begin = part < 0 ? 0 : first_column(counts, item, part);
     const int first = each * get_group_id(0), strips = min(each, rows / 8 - first);

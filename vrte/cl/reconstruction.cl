@@ -215,31 +215,3 @@ __kernel void sum_sources(COUNTS, int ld, IN lit_e, IN lit_f, IN lam_re, IN lam_
         }
     }
 }
-
-// Adds what enters each layer, attenuated: from the base, base_out (row, n, rows) times base_down (order, n_rhs, n), a
-// row of -1 for none, up through the layers, and from the top down. Global size: n_out, n_rhs, orders.
-__attribute__((reqd_work_group_size(1, 1, 1)))
-__kernel void pass_layers(COUNTS, IN base_down, INTS base_row, IN base_out, PLACES, OUT out, IN part)
-{
-    const int place = get_global_id(0), r = get_global_id(1), upward = place < n_up;
-    const int rows = stokes * get_global_size(0);
-    const long order = get_global_id(2), here = (long)r * rows + stokes * place, size = (long)n_rhs * rows;
-    const real mu = mu_out[place];
-    real4 running = (real4)(0.0);
-    if (upward && base_row[order] >= 0)
-        for (int j = 0; j < n; j++)
-            running += stokes_at(stokes, base_out + ((long)base_row[order] * n + j) * rows + stokes * place)
-                * base_down[(order * n_rhs + r) * n + j];
-    for (int step = 0; step < n_layer; step++) {
-        const int layer = upward ? n_layer - 1 - step : step;
-        for (int t = 0; t < n_level; t++)
-            if (level_layer[t] == layer) {
-                __global real* to = out + (order * n_level + t) * size + here;
-                const real left = upward ? thickness[layer] - level[t] : level[t];
-                put_stokes(stokes, to, stokes_at(stokes, to) + exp(-left / mu) * running);
-            }
-        if (step < n_layer - 1)
-            running = exp(-thickness[layer] / mu) * running
-                + stokes_at(stokes, part + (order * n_layer + layer) * size + here);
-    }
-}

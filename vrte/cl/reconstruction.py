@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from vrte import _core
+from vrte.basics.arrays import Array
 from vrte.basics.running import ThreadTeam
 from vrte.cl.matrices import make_stack, multiply_stacks, pad_to_strips, upload_stack
 from vrte.cl.session import DeviceArray, Session
@@ -25,11 +26,11 @@ def reconstruct(session: Session, crew: ThreadTeam, given: Any) -> None:
         if crew.stop[0]:
             break
         here = slice(first, first + each)
-        given.out[here] = session.download(reconstruct_orders(session, given, here))
+        given.out[here] = reconstruct_orders(session, given, here)
 
 
-def reconstruct_orders(session: Session, given: Any, here: slice) -> DeviceArray:
-    """The same of some of the orders, on the device."""
+def reconstruct_orders(session: Session, given: Any, here: slice) -> Array:
+    """The same of some of the orders."""
 
     def upload(*names: str) -> list[DeviceArray]:
         return [session.upload(getattr(given, name)[here]) for name in names]
@@ -38,11 +39,10 @@ def reconstruct_orders(session: Session, given: Any, here: slice) -> DeviceArray
     _, n_level, n_rhs, rows = out_shape
     n_in, n_out, n_stop, empty = given.mu0.size, given.mu_out.size, n_level + layers, session.empty
     counts = n, rows // n_out, given.n_up, layers, n_level, n_in, n_rhs
-    listed = session.constant(np.arange(orders * layers, dtype=np.int32))
     lit = [make_stack(session, orders * layers, rows, n, bare=True) for _ in range(2)]
     for made, *names in zip(lit, ("G_E", "G_F"), ("X", "Y"), strict=True):
         left, right = (getattr(given, name)[here].reshape(orders * layers, n, -1) for name in names)
-        multiply_stacks(session, listed, upload_stack(session, left), upload_stack(session, right), made)
+        multiply_stacks(session, upload_stack(session, left), upload_stack(session, right), made)
     shared = (given.thickness, given.above, given.mu0, given.mu_out, given.level, given.level_layer)
     places = [session.constant(each) for each in shared]
     rates, c = upload("lam_re", "lam_im"), upload("c")
@@ -52,7 +52,25 @@ def reconstruct_orders(session: Session, given: Any, here: slice) -> DeviceArray
     modes = *(each.data for each in lit), *rates, *amplitudes, *c, *upload("zeta")
     size = n_out, n_stop if layers > 1 else n_level, orders
     session.launch("sum_sources", size, *counts, lit[0].ld, *modes, fed, *places, out, part)
-    if layers > 1 or (given.base_row >= 0).any():
-        base = *upload("base_down", "base_row"), session.upload(given.base_out)
-        session.launch("pass_layers", (n_out, n_rhs, orders), *counts, *base, *places, out, part)
-    return out
+    if layers == 1 and (given.base_row < 0).all():
+        return session.download(out)
+    found, sources = session.download_all([out, part])
+    pass_layers(given, here, found, sources)
+    return found
+
+
+def pass_layers(given: Any, here: slice, out: Array, sources: Array) -> None:
+    """Adds what enters each layer, attenuated: from the base up through the layers, and from the top down. sources
+    (order, layer, n_rhs, rows): what each layer sends to the next one."""
+    stokes, rows = out.shape[3] // given.mu_out.size, given.base_row[here]
+    mu, lit = np.repeat(given.mu_out, stokes), rows >= 0
+    for upward in (True, False):
+        part = slice(0, stokes * given.n_up) if upward else slice(stokes * given.n_up, None)
+        running = np.zeros_like(out[:, 0, :, part])
+        if upward and lit.any():
+            running[lit] = given.base_down[here][lit] @ given.base_out[rows[lit]][..., part]
+        for layer in range(given.thickness.size)[:: -1 if upward else 1]:
+            for t in np.flatnonzero(given.level_layer == layer):
+                left = given.thickness[layer] - given.level[t] if upward else given.level[t]
+                out[:, t, :, part] += np.exp(-left / mu[part]) * running
+            running = np.exp(-given.thickness[layer] / mu[part]) * running + sources[:, layer, :, part]

@@ -3,7 +3,7 @@
 import math
 import os
 import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from operator import mul
@@ -181,14 +181,6 @@ class Session:
         self.put(array, made)
         return made
 
-    def remembered(self, key: Any, make: Callable[[], Any]) -> Any:
-        """What was made for the key before, or else is made now: of `constant` arrays, from what the key is made of."""
-        if key not in self.constants:
-            if len(self.constants) >= MOST_CONSTANTS:
-                self.constants.clear()
-            self.constants[key] = make()
-        return self.constants[key]
-
     def put(self, values: Array, made: DeviceArray) -> None:
         """Copies an array to where it belongs on the device."""
         import pyopencl
@@ -203,7 +195,12 @@ class Session:
         array = self.narrow(values)
         if array.nbytes > SMALL:
             return self.upload(array)
-        return self.remembered((array.dtype.str, array.shape, array.tobytes()), lambda: self.upload(array))
+        key = array.dtype.str, array.shape, array.tobytes()
+        if key not in self.constants:
+            if len(self.constants) >= MOST_CONSTANTS:
+                self.constants.clear()
+            self.constants[key] = self.upload(array)
+        return self.constants[key]
 
     def download(self, values: DeviceArray) -> Any:
         """A copy of the device's array, in doubles; waits for whatever it comes from."""

@@ -155,13 +155,12 @@ class Verification:
         differences = []
         for rows, inner, columns in ((5, 3, 7), (40, 33, 48), (64, 50, 64), (130, 80, 70)):
             a, b = (np.random.default_rng(rows).random((3, *shape)) for shape in ((inner, rows), (columns, inner)))
-            items = self.session.upload(np.arange(3, dtype=np.int32))
             made = make_stack(self.session, 3, rows, columns)
-            multiply_stacks(self.session, items, upload_stack(self.session, a), upload_stack(self.session, b), made)
+            multiply_stacks(self.session, upload_stack(self.session, a), upload_stack(self.session, b), made)
             differences.append(measure_gap(download_stack(self.session, made), b @ a))
             square = a[:, :, :inner] + inner * np.eye(inner)
             stack = upload_stack(self.session, square)
-            invert(self.session, items, stack)
+            invert(self.session, stack)
             differences.append(measure_gap(download_stack(self.session, stack), np.linalg.inv(square)))
         return max(differences)
 
@@ -325,13 +324,13 @@ def make_products(
 ) -> tuple[Callable[[], object], Callable[[], object]]:
     """Calls that multiply matrices of one size on the device, and by BLAS on threads."""
     a, b = np.random.default_rng(0).random((2, count, rows, rows))
-    c, items = np.empty_like(a), session.upload(np.arange(count, dtype=np.int32))
+    c = np.empty_like(a)
     stacks = upload_stack(session, a), upload_stack(session, b), make_stack(session, count, rows, rows)
     ends = np.linspace(0, count, threads + 1).astype(int)
     parts = list(map(slice, ends[:-1], ends[1:]))
 
     def on_device() -> None:
-        multiply_stacks(session, items, *stacks)
+        multiply_stacks(session, *stacks)
         session.finish()
 
     return on_device, lambda: list(pool.map(lambda part: np.matmul(a[part], b[part], out=c[part]), parts))
@@ -373,11 +372,11 @@ def measure_costs(session: Session, megabytes: float = 16.0) -> str:
 
     values = np.zeros(int(megabytes * 1e6 / 8.0))
     first, second, small = session.empty(values.shape), session.empty(values.shape), session.zeros((1,))
-    stack, items = make_stack(session, 1, 8, 8), session.upload(np.zeros(1, np.int32))
+    stack = make_stack(session, 1, 8, 8)
 
     def launch() -> None:
         for _ in range(100):
-            session.launch("add_rates", (1,), 0, 1, small, stack, stack, items)
+            session.launch("add_rates", (1,), 0, 1, small, stack, stack)
         session.finish()
 
     def copy() -> None:

@@ -21,7 +21,7 @@ from vrte.basics.running import Run
 from vrte.cl import assembly, doubling, invariance, joining, reconstruction, sums
 from vrte.cl.device import choose_precision, find_chosen_device, raise_device_errors
 from vrte.cl.device import session as open_session
-from vrte.cl.doubling import Frame, Items
+from vrte.cl.doubling import Frame
 from vrte.cl.errors import check_room
 from vrte.cl.session import Session, Traffic
 from vrte.discrete_ordinates.execution.engines.cpu import Processor, keep_verified, make_answer
@@ -288,7 +288,7 @@ def solve_by_doubling(opened: Session, pieces: list[Piece], run: Run) -> Found:
     with run.timed("assembly", opened.finish):
         matrices = assemble_batch(opened, batch)
     with run.timed("doubling", opened.finish):
-        slabs = doubling.double(opened, frame, list_slab_items(batch), matrices, run.stop)
+        slabs = doubling.double(opened, frame, describe_batch(opened, batch), matrices, run.stop)
     if run.stop[0]:
         raise KeyboardInterrupt
     with run.timed("joining", opened.finish):
@@ -338,28 +338,26 @@ def pad_coefficients(tables: Sequence[Array]) -> Array:
 
 def assemble_batch(opened: Session, batch: Batch) -> assembly.Assembled:
     """E, F, G and sources of every pair of (order, material)."""
-    problem, upload = batch.problem, opened.constant
-    order = batch.joined(lambda piece, slab_stack: np.repeat(piece.orders, slab_stack.problem.albedo.size))
-    albedo = batch.joined(lambda piece, slab_stack: slab_stack.problem.albedo)
-    numbers = np.split(np.arange(albedo.size), np.cumsum([each.problem.albedo.size for each in batch.slab_stacks])[:-1])
-    pairs = zip(numbers, batch.pieces, strict=True)
-    material = np.concatenate([np.tile(of, piece.orders.size) for of, piece in pairs])
-    return assembly.assemble(
+    problem, counts = batch.problem, [each.problem.albedo.size for each in batch.slab_stacks]
+    first = np.cumsum([0, *counts])
+    pairs = [
+        np.meshgrid(piece.orders, k + np.arange(n), indexing="ij")
+        for piece, k, n in zip(batch.pieces, first, counts, strict=False)
+    ]
+    order, material = (np.concatenate([pair[k].ravel() for pair in pairs]) for k in range(2))
+    what = assembly.upload_scattering(
         opened,
-        upload(np.arange(order.size, dtype=np.int32)),
-        upload(order.astype(np.int32)),
-        upload(material.astype(np.int32)),
+        order,
+        material,
+        pad_coefficients([each.problem.coefficients for each in batch.slab_stacks]),
+        batch.joined(lambda piece, slab_stack: slab_stack.problem.terms),
+        batch.joined(lambda piece, slab_stack: slab_stack.problem.albedo),
         problem.stokes,
-        upload(pad_coefficients([slab_stack.problem.coefficients for slab_stack in batch.slab_stacks])),
-        upload(batch.joined(lambda piece, slab_stack: slab_stack.problem.terms)),
-        upload(albedo),
-        upload(problem.directions),
-        upload(problem.weights),
-        problem.mu_out.size,
     )
+    return assembly.assemble(opened, what, problem.directions, problem.weights, problem.mu_out.size)
 
 
-def list_slab_items(batch: Batch) -> Items:
+def describe_batch(opened: Session, batch: Batch) -> Any:
     """Every slab of every order."""
 
     def each(make: Callable[[SlabStack], Array]) -> Array:
@@ -367,7 +365,9 @@ def list_slab_items(batch: Batch) -> Items:
 
     albedo = each(lambda slab_stack: slab_stack.problem.albedo[slab_stack.material])
     orders = batch.joined(lambda piece, slab_stack: np.repeat(piece.orders, slab_stack.thickness.size))
-    return Items(
+    return doubling.describe_slabs(
+        opened,
+        batch.frame,
         thickness=each(lambda slab_stack: slab_stack.thickness),
         albedo=albedo,
         asymmetry=each(lambda slab_stack: find_asymmetry(slab_stack.problem)[slab_stack.material]),
@@ -394,39 +394,24 @@ def make_ground(batch: Batch) -> joining.Ground | None:
 def solve_by_invariance(opened: Session, pieces: list[Piece], run: Run) -> Found:
     """Fixed points of the invariance equation for all orders of all pieces: the top of semi-infinite layers."""
     problem, orders = pieces[0].problem, np.concatenate([piece.orders for piece in pieces])
+    off, indices = problem.off_nodes
+    n_out, which = problem.mu_out.size, np.repeat(np.arange(len(pieces)), [piece.orders.size for piece in pieces])
+    problems = [piece.problem for piece in pieces]
+    layers = (
+        pad_coefficients([each.coefficients[:1] for each in problems]),
+        *(np.array([getattr(each, name)[0] for each in problems]) for name in ("terms", "albedo")),
+    )
+    tolerance = np.array([TIGHTER * piece.plan.accuracy for piece in pieces])[which]
+    directions = np.concatenate([problem.nodes, off]), problem.weights, indices[:n_out], indices[n_out:]
     with run.timed("invariance", opened.finish):
-        found = invariance.reflect_semi_infinite(opened, **gather_layers(opened, pieces), stop=run.stop)
-        up, on_nodes, residual = opened.download_all([found.up, found.on_nodes, found.residual])
+        what = assembly.upload_scattering(opened, orders, which, *layers, problem.stokes)
+        found = invariance.reflect_semi_infinite(opened, what, *directions, problem.columns, tolerance, run.stop)
     levels, beams = problem.level.size, (problem.mu0.size, problem.columns.shape[0])
-    kernels = up.reshape(orders.size, 1, *beams, problem.mu_out.size, len(problem.stokes))
+    kernels = found.up.reshape(orders.size, 1, *beams, n_out, len(problem.stokes))
     kernels[..., : problem.n_up, :] *= problem.flip / (2.0 * np.pi)
     kernels[..., problem.n_up :, :] = 0.0
     flux = np.zeros((orders.size, levels, 2, *beams))
     for item in np.flatnonzero(orders == 0):
-        flux[item, :, 0] = find_flux_up(problem, on_nodes[item])
+        flux[item, :, 0] = find_flux_up(problem, found.on_nodes[item])
     kernels = np.broadcast_to(kernels, (orders.size, levels, *kernels.shape[2:]))
-    return Found(kernels, flux, {"residual_of_invariance": residual})
-
-
-def gather_layers(opened: Session, pieces: list[Piece]) -> dict[str, Any]:
-    """The arguments of `reflect_semi_infinite` for all orders of pieces, on the device."""
-    problem = pieces[0].problem
-    off, indices = np.unique(np.concatenate([problem.mu_out, problem.mu0]), return_inverse=True)
-    n_out, sizes = problem.mu_out.size, [piece.orders.size for piece in pieces]
-    orders = np.concatenate([piece.orders for piece in pieces])
-    arrays = {
-        "items": np.arange(orders.size, dtype=np.int32),
-        "order": orders,
-        "material": np.repeat(np.arange(len(pieces), dtype=np.int32), sizes),
-        "coefficients": pad_coefficients([piece.problem.coefficients[:1] for piece in pieces]),
-        "terms": np.array([piece.problem.terms[0] for piece in pieces], np.int32),
-        "albedo": np.array([piece.problem.albedo[0] for piece in pieces]),
-        "directions": np.concatenate([problem.nodes, off]),
-        "weights": problem.weights,
-        "out": indices[:n_out].astype(np.int32),
-        "into": indices[n_out:].astype(np.int32),
-        "columns": problem.columns,
-        "tolerance": np.repeat([TIGHTER * piece.plan.accuracy for piece in pieces], sizes),
-    }
-    uploaded: dict[str, Any] = {name: opened.constant(values) for name, values in arrays.items()}
-    return uploaded | {"members": tuple(problem.stokes)}
+    return Found(kernels, flux, {"residual_of_invariance": found.residual})
