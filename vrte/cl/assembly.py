@@ -23,12 +23,12 @@ class Scattering(Placed):
     """What scatters in each item, on the device: order, material (item,); coefficients (material, term, 6); terms,
     albedo (material,); and the members of the Stokes vector, on the host."""
 
+    members: tuple[int, ...]
     order: Any
     material: Any
     coefficients: Any
     terms: Any
     albedo: Any
-    members: tuple[int, ...]
 
     @property
     def stokes(self) -> int:
@@ -56,8 +56,9 @@ def upload_scattering(
     session: Session, order: Any, material: Any, coefficients: Any, terms: Any, albedo: Any, members: Any
 ) -> Scattering:
     """Of arrays of the host."""
-    arrays = (np.asarray(order, np.int32), np.asarray(material, np.int32), coefficients, terms, albedo)
-    return Scattering(*(session.constant(each) for each in arrays), tuple(int(each) for each in members))
+    places = (session.constant(np.asarray(each, np.int32)) for each in (order, material))
+    materials = (session.constant(each) for each in (coefficients, terms, albedo))
+    return Scattering(tuple(int(each) for each in members), *places, *materials)
 
 
 @dataclass(frozen=True, eq=False)

@@ -397,14 +397,12 @@ def solve_by_invariance(opened: Session, pieces: list[Piece], run: Run) -> Found
     off, indices = problem.off_nodes
     n_out, which = problem.mu_out.size, np.repeat(np.arange(len(pieces)), [piece.orders.size for piece in pieces])
     problems = [piece.problem for piece in pieces]
-    layers = (
-        pad_coefficients([each.coefficients[:1] for each in problems]),
-        *(np.array([getattr(each, name)[0] for each in problems]) for name in ("terms", "albedo")),
-    )
+    table = pad_coefficients([each.coefficients[:1] for each in problems])
+    terms, albedo = (np.array([getattr(each, name)[0] for each in problems]) for name in ("terms", "albedo"))
     tolerance = np.array([TIGHTER * piece.plan.accuracy for piece in pieces])[which]
     directions = np.concatenate([problem.nodes, off]), problem.weights, indices[:n_out], indices[n_out:]
     with run.timed("invariance", opened.finish):
-        what = assembly.upload_scattering(opened, orders, which, *layers, problem.stokes)
+        what = assembly.upload_scattering(opened, orders, which, table, terms, albedo, problem.stokes)
         found = invariance.reflect_semi_infinite(opened, what, *directions, problem.columns, tolerance, run.stop)
     levels, beams = problem.level.size, (problem.mu0.size, problem.columns.shape[0])
     kernels = found.up.reshape(orders.size, 1, *beams, n_out, len(problem.stokes))
