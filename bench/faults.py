@@ -99,10 +99,10 @@ ORDINATES = list_faults(
     ("small-angle", "discrete_ordinates/orders/small_angle.py",
      "(1.0 - layer.albedo * f) * mu0", "(1.0 + layer.albedo * f) * mu0",
      "sign in the depth of layers without their forward peak", "truncation"),
-    ("divided-thin", "discrete_ordinates/derivatives/functions.py", "\nTHIN = 0.5", "\nTHIN = 0.0",
+    ("divided-thin", "core/derivatives.pxi", "double THIN = 0.5", "double THIN = 0.0",
      "differences of nearly equal numbers are divided", "derivatives"),
-    ("derivative-net", "discrete_ordinates/derivatives/differentiate.py", "\nALLOWED = 1e-7", "\nALLOWED = 1e7",
-     "derivatives by modes that disagree with doubling are taken", "derivatives_api"),
+    ("derivative-net", "discrete_ordinates/derivatives/slab_stack.py", "\nALLOWED = 1e-9", "\nALLOWED = 1e9",
+     "derivatives by modes without digits are taken", "derivatives_api"),
 )  # fmt: skip
 
 METHODS = list_faults(

@@ -251,7 +251,11 @@ def test_derivatives_inside_and_from_below(title: str, kind: str) -> None:
 @pytest.mark.parametrize("half", [1e-6, 0.3, 40.0, 5e3])
 def test_divided_differences_keep_their_digits(half: float) -> None:
     points = np.array([1e-9, 1e-9 * (1.0 + 1e-7), 1e-3, 0.4, 0.4, 0.41, 0.45, 3.0, 1e3, 1.05e3])
-    f, g = Decay(half).divide(points)
+    f, g, c = (part[0] for part in Decay(half).divide(points[None], points[None], True))
+    complex_ = Decay(half).divide(points[None] + 0j, points[None], True)
+    for real, other in zip((f, g, c), complex_, strict=True):
+        assert_close(other[0].imag, 0.0, rtol=0.0, atol=0.0)
+        assert_close(other[0].real, real, rtol=2e-12, atol=1e-300)
     flint.ctx.prec = 300
     try:
         for i, a in enumerate(points.tolist()):
@@ -264,6 +268,9 @@ def test_divided_differences_keep_their_digits(half: float) -> None:
                 product = (x * values[0] - y * values[1]) / (x - y)
                 assert f[i, k] == close_to(float(expected.mid()), rtol=1e-12, atol=0.0)
                 assert g[i, k] == close_to(float(product.mid()), rtol=1e-12, atol=0.0)
+                decays = [1 / flint.arb.cosh(flint.arb(half) * p.sqrt()) ** 2 for p in (x, y)]
+                expected = (decays[0] - decays[1]) / (x - y)
+                assert c[i, k] == close_to(float(expected.mid()), rtol=1e-12, atol=1e-300)
     finally:
         flint.ctx.prec = 53
 
@@ -272,8 +279,8 @@ def test_a_direction_on_a_mode_is_stepped_around() -> None:
     lam = np.array([1.0, 4.0, 9.0])
     aside = step_aside(np.array([0.5, 0.6]), lam, 2)
     assert aside.rate.size == 14
-    smooth = np.exp(-aside.rate)[None]  # what is interpolated is as smooth as this
-    assert np.abs(aside.gather(smooth)[0] - np.exp([-2.0, -2.0, -1.0 / 0.6, -1.0 / 0.6])).max() < 1e-12
+    smooth = (np.exp(-aside.rate) * aside.share)[None, :, None]  # what is interpolated is as smooth as this
+    assert np.abs(aside.gather(smooth, 4)[0, :, 0] - np.exp([-2.0, -2.0, -1.0 / 0.6, -1.0 / 0.6])).max() < 1e-12
     assert (np.abs(lam[:, None] - aside.rate**2) > 1e-2).all()
 
 

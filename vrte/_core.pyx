@@ -57,6 +57,7 @@ include "core/response.pxi"
 include "core/stack.pxi"
 include "core/invariance.pxi"
 include "core/invariance_change.pxi"
+include "core/derivatives.pxi"
 include "core/moment_gmres.pxi"
 
 # The end of a solve: all orders added up, and what is scattered once.

@@ -106,41 +106,35 @@ cdef int change_semi_infinite_one(const void* task, int item, Workspace desk) no
     return 0
 
 
-cdef void pull_coefficients(const Expansion* x, int kind, int rows, given H, given L, int others, given H_other,
-                            doubles spare, doubles gradient) noexcept nogil:
-    """gradient (n_term, 6) += derivatives with albedo times coefficients: s H^T L H_other, L (rows, others)."""
+cdef void pull_coefficients(const Expansion* x, int kind, double sign, double v_sign, int rows, given H, given L,
+                            int others, given H_other, doubles spare, doubles gradient) noexcept nogil:
+    """gradient (n_term, 6) += derivatives with albedo times coefficients: of sign H B H_other^T weighed by L (rows,
+    others); V's column of H_other counts v_sign times, as in `times_coefficients`."""
     cdef Parity p = x.p
-    cdef int l, one, columns = columns_of(x, kind), column = 0, parity
-    cdef double sign = -1.0 if kind else 1.0
+    cdef int l, i, j, columns = columns_of(x, kind), parity, place[2]
     cdef double b[2][2]
-    cdef int i, j
     cdef doubles g
+    place[1] = 0
     multiply(rows, columns, others, sign, L, H_other, 0.0, spare)
     for l in range(x.m, x.terms):
         parity = (l - x.m) % 2 != kind
         g = gradient + 6 * l
+        place[0] = place[1]
+        place[1] = place[0] + p.has[parity][0]
         for i in range(2):
             for j in range(2):
                 b[i][j] = 0.0
-        one = column
-        for i in range(2):
-            if not p.has[parity][i]:
-                continue
-            column = one
-            for j in range(2):
-                if p.has[parity][j]:
-                    b[i][j] = scalar_product(rows, H + <size_t>(one + (i if p.has[parity][0] else 0)) * rows,
-                                             spare + <size_t>column * rows)
-                    column += 1
-        column = one + p.has[parity][0] + p.has[parity][1]
+                if p.has[parity][i] and p.has[parity][j]:
+                    b[i][j] = scalar_product(rows, H + <size_t>place[i] * rows, spare + <size_t>place[j] * rows)
+        place[1] += p.has[parity][1]
         if parity == 0:
             g[0] += b[0][0]
             g[1] += b[1][1]
             g[4] -= b[0][1] + b[1][0]
         else:
             g[2] += b[0][0]
-            g[3] -= b[1][1]
-            g[5] += b[0][1] + b[1][0]
+            g[3] += v_sign * b[1][1]
+            g[5] += b[1][0] - v_sign * b[0][1]
 
 
 cdef int pull_semi_infinite_one(const void* task, int item, Workspace desk) noexcept nogil:
@@ -152,7 +146,7 @@ cdef int pull_semi_infinite_one(const void* task, int item, Workspace desk) noex
     cdef doubles gradient = t.gradient + <size_t>6 * item * t.n_term
     cdef given weights = t.pull_weights + <size_t>item * t.n_in_rows * t.n_out_rows
     cdef int i, j, a, b, kind, n = s.n, u = s.u, stokes = t.stokes, n_node = t.n_node
-    cdef double missing = s.residual
+    cdef double missing = s.residual, sign
     cdef Linear linear
     set_zero(<size_t>u * u, Luu)
     for j in range(t.n_in):
@@ -163,10 +157,11 @@ cdef int pull_semi_infinite_one(const void* task, int item, Workspace desk) noex
                         (<size_t>(stokes * j + b) * t.n_out + i) * stokes + a] / s.off[t.out_places[i]]
     divide_by_rates(s.x.p, t.n_off, s.off, t.n_off, s.off, Luu)
     for kind in range(2):       # but for what is scattered once
-        pull_coefficients(&s.x, kind, u, s.rows[kind].H, Luu, u, s.rows[kind].H, spare, gradient)
+        sign = -1.0 if kind else 1.0
+        pull_coefficients(&s.x, kind, sign, -1.0, u, s.rows[kind].H, Luu, u, s.rows[kind].H, spare, gradient)
         for i in range(u * s.rows[kind].columns):
             s.rows[kind].HC[i] = -s.rows[kind].phi[i]
-        pull_coefficients(&s.x, kind, u, s.rows[kind].HC, Luu, u, s.rows[kind].phi, spare, gradient)
+        pull_coefficients(&s.x, kind, sign, -1.0, u, s.rows[kind].HC, Luu, u, s.rows[kind].phi, spare, gradient)
     add_transposed(u, Luu)
     for kind in range(2):
         other = spare + <size_t>u * s.rows[kind].columns
@@ -179,7 +174,8 @@ cdef int pull_semi_infinite_one(const void* task, int item, Workspace desk) noex
     missing = max(missing, fixed_point(&s.x, s.rows, s.nodes, s.off, t.directions, s.rate, t.tolerance, False, Lu,
                                        s.room, t.steps + item, desk.stop, &linear))
     for kind in range(2):
-        pull_coefficients(&s.x, kind, u, s.rows[kind].H, Lu, n, s.nodes[kind].H, spare, gradient)
+        sign = -1.0 if kind else 1.0
+        pull_coefficients(&s.x, kind, sign, -1.0, u, s.rows[kind].H, Lu, n, s.nodes[kind].H, spare, gradient)
         other = spare + <size_t>n * s.rows[kind].columns
         product(b"T", b"N", n, s.rows[kind].columns, u, 1.0, Lu, u, s.rows[kind].H, u, 0.0, spare, n)
         times_coefficients(&s.x, kind, -1.0, n, spare, other)
@@ -191,6 +187,7 @@ cdef int pull_semi_infinite_one(const void* task, int item, Workspace desk) noex
     missing = max(missing, fixed_point(&s.x, s.nodes, s.nodes, t.directions, t.directions, s.rate, t.tolerance, False,
                                        L, s.room, t.steps + item, desk.stop, &linear))
     for kind in range(2):
-        pull_coefficients(&s.x, kind, n, s.nodes[kind].H, L, n, s.nodes[kind].H, spare, gradient)
+        sign = -1.0 if kind else 1.0
+        pull_coefficients(&s.x, kind, sign, -1.0, n, s.nodes[kind].H, L, n, s.nodes[kind].H, spare, gradient)
     t.residual[item] = missing
     return 0

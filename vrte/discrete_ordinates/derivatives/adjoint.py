@@ -16,37 +16,29 @@ from vrte.basics.memory import BYTES, PIECE_BYTES
 from vrte.basics.polarization import FLIP
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.derivatives.differentiate import (
-    differentiate_plan,
-    find_carried,
+    Routes,
+    add_up_all,
     is_mixing_stokes,
-    put_block_in_media,
-    put_in_media,
+    put_bases_in_medium,
     shorten_plan,
 )
 from vrte.discrete_ordinates.derivatives.semi_infinite import pull_semi_infinite
-from vrte.discrete_ordinates.derivatives.slab import Aside, Blocks, Side, SlabModes
-from vrte.discrete_ordinates.derivatives.slab_stack import Differentiating, OrderOfStack
+from vrte.discrete_ordinates.derivatives.slab import Blocks
+from vrte.discrete_ordinates.derivatives.slab_stack import Fields
 from vrte.discrete_ordinates.execution.carry_out import make_target
 from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR
 from vrte.discrete_ordinates.execution.sums import Light, Part, Share, Target
 from vrte.discrete_ordinates.orders.beam_paths import BeamPaths
-from vrte.discrete_ordinates.orders.homogeneous import Modes, find_modes
 from vrte.discrete_ordinates.orders.invariance import find_allowed_residuals
-from vrte.discrete_ordinates.orders.media import ENTERING, LEAVING
-from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble, find_even_shifts
+from vrte.discrete_ordinates.orders.phase_assembly import find_even_shifts
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
-from vrte.discrete_ordinates.orders.refracting import Slabs, spread
 from vrte.discrete_ordinates.orders.single_scattering import integrate_slab_paths
 from vrte.discrete_ordinates.planning.blocks import Block
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.optics.facets import FacetGeometry
 from vrte.optics.truncation import expand_peak
-from vrte.results.result import Solution
 from vrte.scene.boundary import BLACK
 from vrte.scene.vary import Variation
-
-Prepared = tuple[Slabs, list[Assembled], list[Modes | None]]
-MIRROR = np.array([1.0, 1.0, 1.0, -1.0])  # diagonal of Q in the reciprocity relation
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,12 +130,11 @@ def pull_back(plan: Plan, cotangent: Array, run: Run, orders: int | None = None)
         variations.append(Variation("base.albedo", 1.0, np.zeros(count), np.zeros(count), base=base))
     total, albedo = np.zeros(len(variations)), np.zeros(count)
     tables = np.zeros((count, max(layer.phase_matrix.terms for layer in scene.layers), 6))
+    variations = put_bases_in_medium(plan, variations)
     for part in plan.parts or (plan,):
-        forward = np.array(
-            [weigh_values(found, cotangent) for found in differentiate_plan(part, variations, run, orders=orders)]
-        )
+        routes = Routes(shorten_plan(part, orders), variations)
+        forward, multiple, single = collect_tables(routes, cotangent, run)
         total += forward
-        multiple, single = collect_tables(shorten_plan(part, orders), cotangent, run)
         deeper = np.zeros(count)
         deeper[finite] = forward[: len(finite)]
         for k in range(count):
@@ -167,12 +158,6 @@ def is_left_out(plan: Plan, k: int, column: int) -> bool:
     tables[k][2, column] = 1.0
     still = np.zeros(len(scene.layers))
     return is_mixing_stokes(plan.problem, scene, Variation("one", 0.0, still, still, tuple(tables)))
-
-
-def weigh_values(found: Solution, cotangent: Array) -> float:
-    """The weighted sum of a derivative."""
-    values = found.parts[0][0]
-    return float((values * cotangent[..., : values.shape[-1]]).sum())
 
 
 def follow_layer(
@@ -205,13 +190,14 @@ def follow_layer(
     return of_albedo, found
 
 
-def collect_tables(plan: Plan, cotangent: Array, run: Run) -> tuple[list[Array], list[Array]]:
-    """Derivatives with each layer's truncated albedo times coefficients, by multiple scattering, and with its whole
-    coefficients over its gain, by single scattering."""
-    scene, problem, carried = plan.request.scene, put_in_media(plan), find_carried(plan)
+def collect_tables(routes: Routes, cotangent: Array, run: Run) -> tuple[Array, list[Array], list[Array]]:
+    """Derivatives with each variation; with each layer's truncated albedo times coefficients, by multiple scattering;
+    and with its whole coefficients over its gain, by single scattering."""
+    plan, problem, scene = routes.plan, routes.problem, routes.plan.request.scene
     target = replace(make_target(plan), problem=problem)
     cotangent = cotangent[..., : int(plan.wanted.place.max()) + 1]
     rows = problem.coefficients.shape[1]
+    forward = np.zeros(len(routes.variations))
     multiple = [np.zeros((rows, 6)) for _ in scene.layers]
     single = [np.zeros((layer.phase_matrix.terms, 6)) for layer in scene.layers]
     with PROCESSOR.at_work(), run.timed("derivatives"):
@@ -221,22 +207,19 @@ def collect_tables(plan: Plan, cotangent: Array, run: Run) -> tuple[list[Array],
                 orders = pull_block_by_invariance(plan, block, orders, target, cotangent, multiple[0], run)
             if not orders.size:
                 continue
-            own, base = put_block_in_media(plan, block), block.base
-            route = Differentiating(own, base, int(orders[-1]) + 1, plan.accuracy, [], carried)
-            eye = replace(own, mu0=own.mu_out, mu_out=own.mu0, n_up=own.mu0.size, columns=np.eye(len(block.stokes)))
-            same = np.array_equal(own.mu0, own.mu_out) and np.array_equal(own.columns, eye.columns)
-            eyes = route if same else Differentiating(eye, base, int(orders[-1]) + 1, plan.accuracy, [], carried)
+            route = routes.make(block, int(orders[-1]))
             step = route.chunk(1)
             for first in range(0, orders.size, step):
                 some = orders[first : first + step]
-                forward = prepare_orders(route, some, run)
-                lit = forward, forward if same else prepare_orders(eyes, some, run)
-                for index, order in enumerate(some.tolist()):
-                    weights = weigh_kernels(target, order, block.stokes, block.columns, cotangent)
-                    pull_order(route, eyes, index, order, lit, weights, multiple)
+                kernels = [
+                    weigh_kernels(target, order, block.stokes, block.columns, cotangent) for order in some.tolist()
+                ]
+                forward += pull_orders(Fields(route, some, run), np.stack(kernels), multiple, run)
+        for k, (values, *_) in enumerate(add_up_all(routes, [[] for _ in routes.variations], run)):
+            forward[k] += (values[0] * cotangent[..., : values.shape[-1]]).sum()
         weights = cotangent[..., plan.wanted.place] * plan.wanted.scale[:, None, None, None, None]
         pull_once(BeamPaths(replace(problem, stokes=ALL), BLACK, 1, 1.0), plan.request.phi, weights, single)
-    return multiple, single
+    return forward, multiple, single
 
 
 def pull_block_by_invariance(
@@ -252,15 +235,6 @@ def pull_block_by_invariance(
     good = residual <= find_allowed_residuals(plan.accuracy)["residual_of_invariance"]
     table[: gradient.shape[1]] += gradient[good].sum(axis=0)
     return orders[~good]
-
-
-def prepare_orders(route: Differentiating, orders: IntArray, run: Run) -> Prepared:
-    """R and T of the slabs, matrices of the media and their modes."""
-    sheets = [assemble(one.problem, orders, run) for one in route.each]
-    modes: list[Modes | None] = [
-        find_modes(one.problem, orders, sheet, run, True) for one, sheet in zip(route.each, sheets, strict=True)
-    ]
-    return route.find_slabs(orders, run), sheets, modes
 
 
 def weigh_kernels(
@@ -281,186 +255,42 @@ def weigh_kernels(
     return np.einsum("iopac,pac,i->oaic", given, factors, wanted.scale)
 
 
-def weigh_sent(route: Differentiating, weights: Array) -> tuple[Array, Array]:
-    """The same of what is seen in the flipped frame times 2 pi, (n_out S, r), and of what each source sends along the
-    sights, (source, n_sight, S, r)."""
-    problem = route.problem
-    n_out, stokes = weights.shape[:2]
-    seen = weights.reshape(n_out, stokes, -1) * problem.flip[:, None] / (2.0 * np.pi) * route.sights.index[0] ** 2
-    sent = np.zeros((len(route.sources), route.sights.cosines.shape[1], stokes, seen.shape[2]))
-    back = np.einsum("oasb,oar->sobr", route.escapes[0], seen)
-    for direction, sight in enumerate(route.sights.place[0].tolist()):
-        sent[:, sight] += back[:, direction]
-    return seen.reshape(n_out * stokes, -1), sent
-
-
-def pull_order(
-    route: Differentiating,
-    eyes: Differentiating,
-    index: int,
-    order: int,
-    lit: tuple[Prepared, Prepared],
-    weights: Array,
-    multiple: list[Array],
-) -> None:
-    """Adds what an order has of the derivatives with the layers' scattering."""
-    forward = OrderOfStack(route, index, order, *lit[0], alone=False)
-    back = forward if eyes is route else OrderOfStack(eyes, index, order, *lit[1], alone=False)
-    seen, sent = weigh_sent(route, weights)
-    stokes = list(route.problem.stokes)
-    turn = np.tile(MIRROR[stokes], route.problem.nodes.size)
-    scale = np.tile(MIRROR[stokes], eyes.problem.mu0.size) / np.repeat(eyes.problem.mu0, len(stokes))
-    members = ((0, ENTERING), (1, LEAVING))  # light that falls on a slab, from above and from below
-    r = route.problem.n_rhs
-    for k, layer in enumerate(route.cut.layer.tolist()):
-        if route.media.scene.layers[layer].albedo == 0.0 and not route.problem.coefficients[layer].any():
+def pull_orders(fields: Fields, weights: Array, multiple: list[Array], run: Run) -> Array:
+    """Adds what orders have of the derivatives with the layers' scattering; those with the variations, (variation,);
+    weights (order, n_out, S, n_in, n_col)."""
+    route = fields.route
+    given = np.zeros((len(weights), fields.weights.shape[3], fields.light.shape[3]))
+    given[:, : route.weighing.shape[-1]] = weights.reshape(len(weights), route.weighing.shape[-1], -1)
+    for piece in route.pieces:
+        if route.media.scene.layers[piece.layer].albedo == 0.0 and not route.problem.coefficients[piece.layer].any():
             continue
-        medium = route.each[forward.find_slab(k)[0]]
-        size = medium.problem.size
-        # light on the nodes, and what it weighs when it leaves the slab
-        lights = [forward.light[k + at, way, :, -size:].T for at, way in members]
-        eyes_see = [(back.light[k + at, way] * turn * scale[:, None])[:, -size:].T for at, way in members]
-        heard = [field @ seen for field in eyes_see]  # (n, r), up at the top and down at the bottom
-        into = route.into[1 + layer][:, None, None]
-        beams = [spread(power[k], into) for power in (route.falling, route.mirrored)]
-        out = [sent[2 * k + end].reshape(-1, r) for end in range(2)]
-        changes = []
-        for way in range(2):
-            # lit from above and seen on that side or the other, and the same from below
-            above, seen_there, below, seen_here = 0, way, 1, 1 - way
-            N = heard[seen_there] @ lights[above].T + heard[seen_here] @ lights[below].T
-            NI = spread_beams(heard[seen_there], beams[above]) + spread_beams(heard[seen_here], beams[below])
-            ON = out[seen_there] @ lights[above].T + out[seen_here] @ lights[below].T
-            OI = spread_beams(out[seen_there], beams[above]) + spread_beams(out[seen_here], beams[below])
-            changes.append(Blocks(N, NI / medium.index, ON / medium.index, OI / medium.index**2))
-        modes = forward.modes_of(k)
-        dE, dF = pull_slab(modes, *changes)
-        one = forward.slab_of(k)[0]
-        multiple[layer] += pull_matrices(one, order, dE, dF, multiple[layer].shape[0])
+        one, table = route.each[piece.medium].problem, multiple[piece.layer]
+        r, o = len(one.stokes) * one.mu0.size, one.rows_out
+        for some, modes in fields.modes_of(piece):
+            pulled = modes.pull(modes.list_terms(*fields.faces_of(piece, some)), given[some], r, o)
+            E, F = (join_blocks(each, r, o) for each in pulled)
+            with run.timed("derivatives") as crew:
+                found = _core.pull_scattering(
+                    crew,
+                    orders=fields.orders[some],
+                    members=one.members,
+                    directions=one.directions,
+                    weights=one.weights,
+                    n_out=one.mu_out.size,
+                    shifts=find_even_shifts(one, len(table)),
+                    pulled_E=E,
+                    pulled_F=F,
+                )
+            table += found.sum(axis=0)
+    return np.array([(fields.change(change, k, {}) * given).sum() for k, change in enumerate(route.changes)])
 
 
-def spread_beams(values: Array, beams: Array) -> Array:
-    """Weights (k, n_in n_col) of light from beams (n_in, S, n_col), as those of unit Stokes vectors, (k, n_in S)."""
-    n_in, stokes, columns = beams.shape
-    found = np.einsum("kic,isc->kis", values.reshape(-1, n_in, columns), beams)
-    return found.reshape(values.shape[0], n_in * stokes)
-
-
-def pull_slab(modes: SlabModes, of_R: Blocks, of_T: Blocks) -> tuple[Blocks, Blocks]:
-    """Derivatives with E and F from those with R and T: `SlabModes.differentiate`, read backwards."""
-    even_sums = pull_side(modes.even, of_R.plus(of_T).times(-1.0), modes.into, modes.out)
-    if modes.odd is None:
-        even_sums = pull_side(modes.even, of_R.times(-2.0), modes.into, modes.out)
-        odd_sums = None
-    else:
-        odd_sums = pull_side(modes.odd, of_R.plus(of_T, -1.0), modes.into, modes.out)
-    e, p = {}, {}
-    for name, (f, g, product, *_) in modes.tables.items():
-        even = turn_part(modes, name, getattr(even_sums, name))
-        one, other = g * even, product * even
-        if odd_sums is not None:
-            odd = turn_part(modes, name, getattr(odd_sums, name))
-            one, other = one + f * odd, other + g * odd
-        e[name], p[name] = turn_join(modes, name, one), turn_join(modes, name, other)
-    rate, rate_out = modes.into.rate, modes.out.rate[:, None]
-    dE = pull_basis(
-        modes,
-        Blocks(e["N"], e["NI"], rate_out * e["ON"], rate_out * e["OI"]),
-        modes.Y_inverse,
-        modes.X,
-        modes.x_in,
-        modes.y_out,
-        1.0,
-    )
-    dF = pull_basis(modes, Blocks(**p), modes.X_inverse, modes.Y, modes.y_in, modes.x_out, 1.0 / rate)
-    return dE, dF
-
-
-def turn_part(modes: SlabModes, name: str, values: Array) -> Array:
-    """The transpose of `SlabModes.join`."""
-    return modes.part(TURNED[name], values.T).T
-
-
-def turn_join(modes: SlabModes, name: str, values: Array) -> Array:
-    """The transpose of `SlabModes.part`."""
-    return modes.join(TURNED[name], values.T).T
-
-
-TURNED = {"N": "N", "NI": "ON", "ON": "NI", "OI": "OI"}
-
-
-def scatter_aside(aside: Aside, values: Array) -> Array:
-    """The transpose of `Aside.gather`: columns (..., count) dealt out, (..., k)."""
-    return values[..., aside.of] * aside.share
-
-
-def pull_side(side: Side, of: Blocks, into: Aside, out: Aside) -> Blocks:
-    """`Side.enclose`, read backwards."""
-    corner, rows = scatter_aside(out, scatter_aside(into, of.OI).T).T, scatter_aside(out, of.ON.T).T
-    in_ = side.out_left.T @ corner + side.left.T @ scatter_aside(into, of.NI)
-    both = side.out * corner
-    nodes = side.out_left.T @ rows + side.left.T @ of.N
-    leaving = side.out * rows
-    return Blocks(
-        nodes @ side.nodes.T + in_ @ side.from_in.T,
-        in_ * side.into,
-        leaving @ side.nodes.T + both @ side.from_in.T,
-        both * side.into,
-    )
-
-
-def pull_basis(
-    modes: SlabModes, of: Blocks, left: Array, right: Array, inward: Array, outward: Array, fraction: Array | float
-) -> Blocks:
-    """From the derivatives with e or p of `SlabModes.differentiate` to those with dE or dF."""
-    row = of.ON + of.OI @ inward.T
-    in_ = of.NI - outward.T @ of.OI
-    own = of.N - outward.T @ of.ON + in_ @ inward.T
-    first_in, first_out = (np.flatnonzero(np.diff(aside.of, prepend=-1)) for aside in (modes.into, modes.out))
-    in_ = np.add.reduceat(in_ * fraction, first_in, axis=1)
-    row = np.add.reduceat(row, first_out, axis=0)
-    corner = np.zeros((row.shape[0], in_.shape[1]))
-    return Blocks(left.T @ own @ right.T, left.T @ in_, row @ right.T, corner)
-
-
-def pull_matrices(one: Problem, order: int, dE: Blocks, dF: Blocks, rows: int) -> Array:
-    """Derivatives with albedo times coefficients, (rows, 6), from those with E and F of one medium."""
-    stokes = len(one.stokes)
-    root = np.repeat(np.sqrt(one.weights / one.nodes), stokes)
-    left = np.concatenate([root, np.repeat(1.0 / one.mu_out, stokes)])[:, None]
-    right = np.concatenate([root, np.ones(stokes * one.mu0.size)])
-    e, f = (np.block([[part.N, part.NI], [part.ON, part.OI]]) for part in (dE, dF))
-    down, up = (-0.5 * left * (e + sign * f) * right for sign in (1.0, -1.0))
-    out, into = np.concatenate([one.nodes, one.mu_out]), np.concatenate([one.nodes, one.mu0])
-    shifts = find_even_shifts(one, rows)
-    return pull_phase(order, rows, out, into, up, down, one.stokes, shifts)
-
-
-def pull_phase(
-    order: int, rows: int, out: Array, into: Array, up: Array, down: Array, members: tuple[int, ...], shifts: Array
-) -> Array:
-    """Derivatives with coefficients (rows, 6) from those with A^m into directions ``out`` going up, flipped, and down:
-    each (n_out S, n_into S). `scatter_once` of methods/parts/slab.py, read backwards."""
-    found = np.zeros((rows, 6))
-    if order >= rows:
-        return found
-    names = list(members)
-    sets = [_core.generalized_spherical_functions(order, rows, mu)[order:] for mu in (-out, out, into)]
-    tables = [_core.legendre_matrices(table) for table in sets]
-    if order == 0:
-        for matrices in tables:
-            matrices[:, :, 0, 0] = shifts[:rows, :1] * matrices[:, :, 0, 0] - shifts[:rows, 1:]
-    tables[0] = FLIP[:, None] * tables[0]
-    right = tables[2][..., names].transpose(0, 2, 1, 3).reshape(rows - order, 4, -1)  # (l, 4, into S)
-    middle = np.zeros((rows - order, 4, 4))
-    for table, weights in ((tables[0], up), (tables[1], down)):
-        left = table[:, :, names].transpose(0, 3, 1, 2).reshape(4 * (rows - order), -1)  # (l 4, out S)
-        middle += (left @ weights).reshape(rows - order, 4, -1) @ right.swapaxes(1, 2)
-    own = found[order:]
-    for k in range(4):
-        own[:, k] = middle[:, k, k]
-    own[:, 4] = -middle[:, 0, 1] - middle[:, 1, 0]
-    own[:, 5] = middle[:, 3, 2] - middle[:, 2, 3]
+def join_blocks(blocks: Blocks, r: int, o: int) -> Array:
+    """Derivatives with a matrix from nodes and beams to nodes and directions, by columns, (order, n + r, n + o)."""
+    n = blocks.N.shape[-1]
+    found = np.zeros((len(blocks.N), n + r, n + o))
+    found[:, :n, :n], found[:, n:, :n] = blocks.N.swapaxes(1, 2), blocks.NI.swapaxes(1, 2)
+    found[:, :n, n:] = blocks.ON.swapaxes(1, 2)
     return found
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vrte import _core
 from vrte.basics.arrays import Array
 
 NEAR = 0.1  # points closer than this fraction of the larger one: f[a, b] is an integral of f'
@@ -52,38 +53,41 @@ class Decay:
         decay = np.exp(-2.0 * self.half * np.sqrt(lam))
         return 4.0 * decay / (1.0 + decay) ** 2
 
-    def divide_c(self, points: Array) -> Array:
-        """c[a, b] of all pairs of points (n,), (n, n), each to its last digits: with x, y = sqrt(a), sqrt(b) and
-        sinc z = sinh(z)/z it is -h^2 sinc(h (x - y)) sinc(h (x + y)) sech(h x)^2 sech(h y)^2."""
-        root = self.half * np.sqrt(points)
-        x, y = np.broadcast_arrays(root[:, None], root)
-        low, difference = np.where(x.real < y.real, x, y), np.where(x.real < y.real, y - x, x - y)
-        more = 1.0 + np.exp(-2.0 * root)
-        near, far = (
-            np.where(z == 0.0, 1.0, -np.expm1(-2.0 * z) / np.where(z == 0.0, 1.0, 2.0 * z)) for z in (difference, x + y)
-        )
-        return -((4.0 * self.half / (more[:, None] * more)) ** 2) * near * far * np.exp(-2.0 * low)
-
-    def divide(self, points: Array) -> tuple[Array, Array]:
-        """f[a, b] and g[a, b] of all pairs of points (n,), each (n, n)."""
-        x, y = np.broadcast_arrays(points[:, None], points)
+    def divide(self, rows: Array, columns: Array, with_c: bool = False) -> tuple[Array, Array, Array]:
+        """f[a, b], g[a, b] and, ``with_c``, c[a, b] of all pairs of points (order, k) and (order, l), (order, k, l):
+        real ones by the core, complex ones here."""
+        if not (np.iscomplexobj(rows) or np.iscomplexobj(columns)):
+            found = _core.divided_differences(row_points=rows, column_points=columns, half=self.half, with_c=with_c)
+            return found["f"], found["g"], found["c_between"]
+        x, y = np.broadcast_arrays(rows[:, :, None].astype(complex), columns[:, None])
         if self.is_semi_infinite:
-            p, q = np.broadcast_arrays(np.sqrt(points)[:, None], np.sqrt(points))
+            p, q = np.sqrt(x), np.sqrt(y)
             with np.errstate(divide="ignore", invalid="ignore"):
-                return -1.0 / (p * q * (p + q)), 1.0 / (p + q)
-        values, size = self.find_f(points), np.abs(points)
-        f = self.divide_f(x, y, values)
+                f, g = -1.0 / (p * q * (p + q)), 1.0 / (p + q)
+            return np.where(p * q == 0.0, 0.0, f), np.where(p + q == 0.0, 0.0, g), f
+        at_x, at_y = (np.broadcast_to(self.find_f(each), x.shape) for each in (rows[:, :, None], columns[:, None]))
+        f = self.divide_f(x, y, at_x, at_y)
         # from the larger point, where the two terms do not cancel
-        return f, np.where(size[:, None] < size, values + x * f, values[:, None] + y * f)
+        return f, np.where(np.abs(x) < np.abs(y), at_y + x * f, at_x + y * f), self.divide_c(x, y)
 
-    def divide_f(self, x: Array, y: Array, values: Array) -> Array:
-        """f[x, y] of points (n, n), from f at them, (n,)."""
-        size = np.abs(x)
-        largest = np.maximum(size, size.T)
+    def divide_c(self, x: Array, y: Array) -> Array:
+        """c[a, b] of pairs of points to its last digits: with p, q = sqrt(a), sqrt(b) and sinc z = sinh(z)/z it is
+        -h^2 sinc(h (p - q)) sinc(h (p + q)) sech(h p)^2 sech(h q)^2."""
+        p, q = self.half * np.sqrt(x), self.half * np.sqrt(y)
+        low, difference = np.where(p.real < q.real, p, q), np.where(p.real < q.real, q - p, p - q)
+        near, far = (
+            np.where(z == 0.0, 1.0, -np.expm1(-2.0 * z) / np.where(z == 0.0, 1.0, 2.0 * z)) for z in (difference, p + q)
+        )
+        more = (1.0 + np.exp(-2.0 * p)) * (1.0 + np.exp(-2.0 * q))
+        return -((4.0 * self.half / more) ** 2) * near * far * np.exp(-2.0 * low)
+
+    def divide_f(self, x: Array, y: Array, at_x: Array, at_y: Array) -> Array:
+        """f[x, y] of pairs of points, from f at them."""
+        largest = np.maximum(np.abs(x), np.abs(y))
         thin = self.half**2 * largest < THIN
         near = ~thin & (np.abs(x - y) < NEAR * largest)
         with np.errstate(divide="ignore", invalid="ignore"):
-            found = np.asarray((values[:, None] - values) / (x - y))
+            found = np.asarray((at_x - at_y) / (x - y))
         if thin.any():
             u, v = self.half**2 * x[thin], self.half**2 * y[thin]
             total, power, term = np.zeros_like(u), np.ones_like(u), np.ones_like(u)

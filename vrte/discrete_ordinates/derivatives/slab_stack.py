@@ -1,58 +1,102 @@
-"""Fourier orders of a stack and how they change: every slab's change sends out light of its own, which the unchanged
-stack passes on. The stack is solved once; each derivative is one more right-hand side of its factors."""
+"""Fourier orders of a stack and how they change. Each number of a result weighs light wherever it sets out: weights are
+fields of the transposed stack, and tell what the light counts for that a change sends out."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vrte.basics.arrays import Array, IntArray
+from vrte.basics.errors import AccuracyError
 from vrte.basics.memory import count_orders_at_once
 from vrte.basics.running import Run
-from vrte.discrete_ordinates.derivatives.changes import Change, change_escapes, find_change
-from vrte.discrete_ordinates.derivatives.slab import Blocks, SlabModes, deepen_slab
+from vrte.discrete_ordinates.derivatives.changes import Change, change_escapes
+from vrte.discrete_ordinates.derivatives.slab import DIM, Blocks, Faces, SlabModes, find_depth_change, group_by_gaps
 from vrte.discrete_ordinates.orders.base import Base
 from vrte.discrete_ordinates.orders.beam_paths import expand_lossless_base
 from vrte.discrete_ordinates.orders.homogeneous import Modes, find_modes
-from vrte.discrete_ordinates.orders.media import ARRIVING, LEAVING, RISING
+from vrte.discrete_ordinates.orders.media import ARRIVING, ENTERING, LEAVING, RISING
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble, balance_flux
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.refracting import Refracting, Slabs
-from vrte.discrete_ordinates.orders.slab_response import Response, respond_by_doubling
+from vrte.discrete_ordinates.orders.refracting import CUT, ROUGH, SMOOTH, Medium, Refracting, Slabs, spread
+from vrte.discrete_ordinates.orders.slab_response import Response, respond_by_doubling, respond_with_modes
 from vrte.scene.boundary import Boundary
-from vrte.scene.vary import Variation
+
+REVERSED = {RISING: ENTERING, ENTERING: RISING, ARRIVING: LEAVING, LEAVING: ARRIVING}
+ALLOWED = 1e-9  # largest residual of modes and of what slabs do for which derivatives by modes are used
+CHECKED = ("residual_of_boundary", "residual_of_reflection")
 
 
 @dataclass(frozen=True, eq=False)
 class ChangedOrders:
     """Of some Fourier orders, for each variation: kernels (variation, order, n_tau, n_in, n_col, n_out, S), as those of
-    `Orders`, and of order 0 flux (variation, 2, n_tau, n_in, n_col), up and down; residual (order,): the largest gap
-    between R + T by modes and by doubling."""
+    `Orders`, and of order 0 flux (variation, 2, n_tau, n_in, n_col), up and down; residual (order,)."""
 
     kernels: Array
     flux: Array
     residual: Array
 
 
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """A slab in the stack: its place, layer and medium, material and slab of this, and light along directions off the
+    nodes, over the index of refraction: beams (n_in S, r) and weights of sights (n_sight S, r_weights)."""
+
+    place: int
+    layer: int
+    medium: int
+    material: int
+    slab: int
+    beams: tuple[Array, Array]
+    sights: tuple[Array, Array]
+
+
 class Differentiating(Refracting):
     """The way through a stack, transparent or refracting, for its derivatives."""
 
     def __init__(
-        self,
-        problem: Problem,
-        base: Boundary,
-        n_order: int,
-        accuracy: float,
-        variations: Sequence[Variation],
-        carried: int,
+        self, problem: Problem, base: Boundary, n_order: int, accuracy: float, changes: Sequence[Change] = ()
     ) -> None:
-        super().__init__(respond_by_doubling, problem, base, n_order, accuracy)
-        self.changes = [find_change(self, variation, carried) for variation in variations]
-        sources = np.array(self.sources)
-        members = list(problem.stokes)
-        self.changed_escapes = [change_escapes(self, change, sources, members) for change in self.changes]
-        self.changed_bases = [self.change_base(change, n_order, accuracy) for change in self.changes]
+        super().__init__(self.refuse, problem, base, n_order, accuracy)
+        self.changes, self.quick = changes, problem.skip_flags.symmetric
+        self.changed_bases = [self.change_base(change, n_order, accuracy) for change in changes]
+        sources, members = np.array(self.sources), list(problem.stokes)
+        self.changed_escapes = [change_escapes(self, change, sources, members) for change in changes]
+        self.weighing = self.weigh_sources(self.escapes)
+        self.pieces = list(self.list_pieces())
+
+    @staticmethod
+    def refuse(*given: object) -> Response:
+        """Slabs are found with their modes."""
+        raise NotImplementedError
+
+    def weigh_sources(self, escapes: Array) -> Array:
+        """What is seen of unit light sent out along each sight by each source, times its medium's share: (source,
+        n_sight S, r_weights), r_weights = n_tau n_out S."""
+        problem, stokes = self.problem, len(self.problem.stokes)
+        n_tau, n_out = self.sights.place.shape
+        found = np.zeros((len(self.sources), self.sights.cosines.shape[1], stokes, n_tau, n_out, stokes))
+        at, out = np.arange(n_tau)[:, None], np.arange(n_out)
+        share = np.where(out[:, None] < problem.n_up, problem.flip, 1.0) / (2.0 * np.pi)
+        seen = escapes * self.sights.index[:, None, None, None, None] ** 2 * share[:, :, None, None]
+        found[:, self.sights.place, :, at, out] = seen.transpose(0, 1, 3, 4, 2)
+        return found.reshape(len(self.sources), -1, n_tau * n_out * stokes)
+
+    def list_pieces(self) -> Iterator[Piece]:
+        """The pieces, top first."""
+        place = {
+            k: (number, own) for number, medium in enumerate(self.each) for own, k in enumerate(medium.pieces.tolist())
+        }
+        for k, layer in enumerate(self.cut.layer.tolist()):
+            number, own = place[k]
+            medium = self.each[number]
+            slab, into = int(medium.of[own]), self.into[1 + layer][:, None, None]
+            falling, rising = (
+                lay_out(spread(power[k], into) / medium.index) for power in (self.falling, self.mirrored)
+            )
+            up, down = self.weighing[2 * k : 2 * k + 2] / medium.index
+            yield Piece(k, layer, number, int(medium.material[slab]), slab, (falling, rising), (up, down))
 
     def change_base(self, change: Change, n_order: int, accuracy: float) -> Base | None:
         """The derivative of the base's operators, None where it stays."""
@@ -71,297 +115,307 @@ class Differentiating(Refracting):
         order = np.arange(n_order, dtype=np.int32)
         return Base(np.where(order < rows, order, np.int32(-1)), found[0], found[1], found[2])
 
-    def beams_of(self, change: Change) -> tuple[Array, Array, Array] | None:
-        """Derivatives of the power of beams: falling, mirrored and arriving, as of `BeamPaths`."""
-        if change.beams is None:
-            return None
-        beams, power = change.beams, self.power_of
-        return power(beams.entering[:-1]), power(beams.leaving[1:]), power(beams.arriving[-1])
-
-    def is_alone(self, order: int) -> bool:
-        """Whether the one slab there is meets no light but the beam, and the order carries no flux."""
-        mirrors = bool(self.blocks[:, :2].any())
-        flux = self.problem.conserves and order == 0
-        return self.cut.layer.size == 1 and self.base is None and not (mirrors or self.rough or flux)
-
     def chunk(self, threads: int) -> int:
         """Orders to be done at once."""
         n = self.problem.size + len(self.problem.stokes) * (self.problem.mu0.size + 2 * self.sights.cosines.shape[1])
+        n += self.weighing.shape[-1]
         return count_orders_at_once((16.0 * sum(one.material.size for one in self.each) + 12.0) * n * n, threads)
 
     def differentiate(self, orders: IntArray, run: Run) -> ChangedOrders:
         """Derivatives of the given orders."""
-        problem = self.problem
-        # R and T are needed where slabs light each other, and for their change with thickness
-        needed = any(change.pieces.any() for change in self.changes) or not all(map(self.is_alone, orders.tolist()))
-        slabs = self.find_slabs(orders, run) if needed else None
-        sheets = [assemble(one.problem, orders, run) for one in self.each]
-        scattering = any(any(change.scatters) for change in self.changes)
-        modes = [
-            find_modes(one.problem, orders, sheet, run, True) if scattering else None
-            for one, sheet in zip(self.each, sheets, strict=True)
-        ]
-        turned = self.assemble_changes(orders, run)
-        shape = (problem.level.size, problem.mu0.size, problem.columns.shape[0], problem.mu_out.size)
-        kernels = np.zeros((len(self.changes), orders.size, *shape, len(problem.stokes)))
-        flux = np.zeros((len(self.changes), 2, problem.level.size, problem.n_rhs))
-        residual = np.zeros(orders.size)
+        fields, problem, count = Fields(self, orders, run), self.problem, len(self.changes)
+        turned = [self.assemble_change(change, orders, run) for change in self.changes]
 
-        def solve(index: int) -> None:
-            order = OrderOfStack(self, index, int(orders[index]), slabs, sheets, modes)
-            for k, (light, fluxes) in enumerate(order.change_all(turned)):
-                kernels[k, index] = light
-                if problem.conserves and orders[index] == 0:
-                    flux[k] = fluxes
-            residual[index] = order.residual
+        def change(number: int) -> Array:
+            return fields.change(self.changes[number], number, turned[number])
 
         with run.timed("derivatives"):
-            if run.threads > 1 and orders.size > 1:
+            if run.threads > 1 and count > 1:
                 with ThreadPoolExecutor(run.threads) as pool:
-                    list(pool.map(solve, range(orders.size)))
+                    found = list(pool.map(change, range(count)))
             else:
-                for index in range(orders.size):
-                    solve(index)
-        return ChangedOrders(kernels, flux.reshape(*flux.shape[:3], *shape[1:3]), residual)
+                found = [change(k) for k in range(count)]
+        n_tau, n_out = self.sights.place.shape
+        seen = n_tau * n_out * len(problem.stokes)
+        both = np.stack(found)
+        kernels = both[:, :, :seen].reshape(
+            count, orders.size, n_tau, n_out, -1, problem.mu0.size, problem.columns.shape[0]
+        )
+        flux = np.zeros((count, 2, n_tau, problem.mu0.size, problem.columns.shape[0]))
+        if fields.has_flux:
+            flux[...] = both[:, int(np.argmax(orders == 0)), seen:].reshape(flux.shape)
+        return ChangedOrders(kernels.transpose(0, 1, 2, 5, 6, 3, 4), flux, fields.residual)
 
-    def assemble_changes(self, orders: IntArray, run: Run) -> list[dict[int, Assembled]]:
-        """For each change, by layer: what the phase matrix's change makes of E and F, less the rates of the nodes."""
-        found: list[dict[int, Assembled]] = []
-        for change in self.changes:
-            mine: dict[int, Assembled] = {}
-            for k, scatters in enumerate(change.scatters):
-                if not scatters:
-                    continue
-                medium = self.media.scene.indices[k]
-                one = next(one.problem for one in self.each if one.index == medium)
-                table = np.ascontiguousarray(change.layers[k].scattering[None])
-                own = replace(one, coefficients=table, terms=np.array([table.shape[1]], np.int32), albedo=np.ones(1))
-                matrices = assemble(own, orders, run)
-                if own.conserves and 0 in orders and own.is_exact:  # to the last digit, where little is lost
-                    balance_flux(own, matrices, int(np.argmax(orders == 0)))
-                rates = np.repeat(1.0 / own.nodes, len(own.stokes))
-                for part in (matrices.E, matrices.F):
-                    part[..., np.arange(own.size), np.arange(own.size)] -= rates
-                mine[k] = matrices
-            found.append(mine)
+    def assemble_change(self, change: Change, orders: IntArray, run: Run) -> dict[int, tuple[Blocks, Blocks]]:
+        """By layer what the phase matrix's change makes of E and F, of the orders up to its last coefficient."""
+        found = {}
+        for k, layer in enumerate(change.layers):
+            if not layer.scattering.any():
+                continue
+            last = int(np.flatnonzero(layer.scattering.any(axis=1))[-1])
+            some = orders[orders <= last]
+            if not some.size:
+                continue
+            medium = self.media.scene.indices[k]
+            one = next(one.problem for one in self.each if one.index == medium)
+            table = np.ascontiguousarray(layer.scattering[None, : last + 1])
+            own = replace(one, coefficients=table, terms=np.array([last + 1], np.int32), albedo=np.ones(1))
+            matrices = assemble(own, some, run)
+            diagonal = np.arange(own.size)
+            rates = np.zeros((own.size, own.size))
+            rates[diagonal, diagonal] = np.repeat(1.0 / own.nodes, len(own.stokes))
+            if (rates == matrices.E).all() and (rates == matrices.F).all():
+                continue  # it is of other Stokes parameters
+            if own.conserves and 0 in some and own.is_exact:  # to the last digit, where little is lost
+                balance_flux(own, matrices, int(np.argmax(some == 0)))
+            for part in (matrices.E, matrices.F):
+                part -= rates
+            found[k] = take_blocks(own, matrices, slice(None), 0)
         return found
 
 
-def take_blocks(one: Problem, matrices: Assembled, index: int, layer: int) -> tuple[Blocks, Blocks]:
-    """E and F on nodes and directions off them, as core/extended.pxi has them."""
+def respond(medium: Medium, orders: IntArray, matrices: Assembled, modes: Modes, run: Run) -> Response:
+    """What the slabs of a medium do: by their modes; where little light may get through by doubling, which is right
+    relative to that light itself."""
+    asked = medium.problem, medium.material, medium.thickness, orders
+    if (np.isfinite(medium.thickness) & (medium.thickness > DIM)).any():
+        return respond_by_doubling(*asked, run, matrices)
+    return respond_with_modes(*asked, matrices, modes, run)
+
+
+def lay_out(beams: Array) -> Array:
+    """Beams (n_in, S, n_col) as columns of their own, (n_in S, n_in n_col)."""
+    n_in, stokes, columns = beams.shape
+    found = np.zeros((n_in, stokes, n_in, columns))
+    at = np.arange(n_in)
+    found[at, :, at] = beams
+    return found.reshape(n_in * stokes, n_in * columns)
+
+
+def take_blocks(one: Problem, matrices: Assembled, some: IntArray | slice, layer: int) -> tuple[Blocks, Blocks]:
+    """E and F of some orders on nodes and directions off them, as core/extended.pxi has them."""
     rows = np.repeat(one.mu_out, len(one.stokes))[:, None]
-    corner = np.zeros((rows.size, matrices.source_d.shape[2]))
-    E = Blocks(
-        matrices.E[index, layer].T, -matrices.source_d[index, layer].T, -matrices.G_E[index, layer].T / rows, corner
-    )
-    F = Blocks(
-        matrices.F[index, layer].T, -matrices.source_s[index, layer].T, -matrices.G_F[index, layer].T / rows, corner
+    E, F = (
+        Blocks(
+            part[some, layer].swapaxes(1, 2), -source[some, layer].swapaxes(1, 2), -G[some, layer].swapaxes(1, 2) / rows
+        )
+        for part, source, G in (
+            (matrices.E, matrices.source_d, matrices.G_E),
+            (matrices.F, matrices.source_s, matrices.G_F),
+        )
     )
     return E, F
 
 
-def take_modes(modes: Modes, index: int, layer: int) -> tuple[Array, Array, Array]:
-    """lambda (n,), complex where pairs are, X and Y (n, n) of one order and layer, pairs as real columns."""
-    lam, oscillation = modes.lam_re[index, layer], modes.lam_im[index, layer]
-    return lam + 1j * oscillation if oscillation.any() else lam, modes.X[index, layer].T, modes.Y[index, layer].T
+def take_modes(modes: Modes, some: IntArray, layer: int) -> tuple[Array, Array, Array, Array, Array]:
+    """lambda (order, n), X, Y and their inverses (order, n, n) of some orders, complex where modes oscillate."""
+    lam, oscillation = modes.lam_re[some, layer], modes.lam_im[some, layer]
+    X, Y = modes.X[some, layer].swapaxes(1, 2), modes.Y[some, layer].swapaxes(1, 2)
+    if (modes.X_pivots[some, layer, 0] < 0).all():
+        return lam, X, Y, Y.swapaxes(1, 2), X.swapaxes(1, 2)
+    if oscillation.any():
+        X, Y = X.astype(complex), Y.astype(complex)
+        for order, mode in np.argwhere(oscillation > 0.0):  # a pair's columns: the real and the imaginary part
+            for part in (X, Y):
+                part[order, :, mode] += 1j * part[order, :, mode + 1]
+                part[order, :, mode + 1] = part[order, :, mode].conj()
+        lam = lam + 1j * oscillation
+    return lam, X, Y, np.linalg.inv(X), np.linalg.inv(Y)
 
 
-class OrderOfStack:
-    """One order of a stack, solved: all light on its nodes, (interface, 4, r, n), and its slabs' modes where they are
-    asked for."""
+class Fields:
+    """Some orders of a stack, solved: all light on its nodes, (order, interface, 4, r, n), and what light that sets out
+    weighs, (order, interface, 4, r_weights, n), at the place of its reverse."""
 
-    def __init__(
-        self,
-        route: Differentiating,
-        index: int,
-        order: int,
-        slabs: Slabs | None,
-        sheets: list[Assembled],
-        modes: list[Modes | None],
-        alone: bool = True,
-    ) -> None:
-        self.route, self.place, self.order, self.sheets, self.modes = route, index, order, sheets, modes
-        self.orders = np.array([order], np.int32)
-        self.slabs = [(medium, take_order(response, index)) for medium, response in slabs or ()]
-        self.is_alone = alone and route.is_alone(order)
-        self.known: dict[tuple[int, int], SlabModes] = {}
-        self.residual = 0.0
+    def __init__(self, route: Differentiating, orders: IntArray, run: Run, columns: int | None = None) -> None:
+        self.route, self.orders = route, orders
+        self.sheets = [assemble(one.problem, orders, run) for one in route.each]
+        self.modes = [
+            find_modes(one.problem, orders, sheet, run, route.quick)
+            for one, sheet in zip(route.each, self.sheets, strict=True)
+        ]
+        self.slabs: Slabs = [
+            (one, respond(one, orders, sheet, modes, run))
+            for one, sheet, modes in zip(route.each, self.sheets, self.modes, strict=True)
+        ]
+        residuals = [modes.residual.max(axis=1) for modes in self.modes]
+        residuals += [
+            each.max(axis=0) for _, found in self.slabs for key, each in found.residuals.items() if key in CHECKED
+        ]
+        self.residual = np.max(residuals, axis=0)
+        worst = float(self.residual.max())
+        if not worst <= ALLOWED:
+            raise AccuracyError(f"modes have residuals of {worst:.2g}, allowed {ALLOWED:g}")
+        self.light = route.set_out(orders, self.slabs)
+        route.join(orders, self.slabs, self.light, run)
+        self.has_flux = route.problem.conserves and orders[0] == 0
+        self.weights, self.extra = self.weigh_light(run)
+        self.known: dict[tuple[int, int], list[tuple[IntArray, SlabModes]]] = {}
         self.sent: Array | None = None
-        if not self.is_alone:
-            light = route.set_out(self.orders, self.slabs)
-            route.join(self.orders, self.slabs, light, Run(1))
-            self.light = light[0]
 
-    def find_slab(self, piece: int) -> tuple[int, int]:
-        """A piece's medium, and its slab among those of the medium."""
-        for number, medium in enumerate(self.route.each):
-            if piece in medium.pieces:
-                return number, int(medium.of[np.searchsorted(medium.pieces, piece)])
-        raise IndexError(piece)
+    def weigh_light(self, run: Run) -> tuple[Array, int]:
+        """What light that sets out on the nodes weighs, and how many fluxes follow what is seen."""
+        route, problem = self.route, self.route.problem
+        seen, n_tau = route.weighing.shape[-1], route.cut.at.size
+        extra = 2 * n_tau if self.has_flux else 0
+        found = np.zeros((*self.light.shape[:3], seen + extra, problem.size))
+        for piece in route.pieces:
+            R, T = self.blocks_of(piece)
+            own = found[..., :seen, problem.size - R.N.shape[-1] :]
+            (top, bottom), k = piece.sights, piece.place
+            own[:, k, RISING] += top.T @ R.ON + bottom.T @ T.ON
+            own[:, k + 1, ARRIVING] += top.T @ T.ON + bottom.T @ R.ON
+        for k, (index, rough) in enumerate(route.rough_interfaces.items(), route.cut.layer.size):
+            for source, ways in ((2 * k, (rough.above, rough.up)), (2 * k + 1, (rough.down, rough.below))):
+                for way, part in zip((LEAVING, ENTERING), ways, strict=True):
+                    rows = part.leaving[self.orders]
+                    found[:, index, way, :seen] += route.weighing[source].T @ rows.reshape(len(rows), -1, problem.size)
+        if route.base is not None:
+            row = route.base.row[self.orders]
+            out = route.base.out[row[row >= 0]].swapaxes(1, 2) / route.media.scene.media[-1]
+            count = out.shape[-1]
+            found[row >= 0, -1, LEAVING, :seen, problem.size - count :] += route.weighing[-1].T @ out
+        if extra:
+            self.weigh_flux(found[0], seen)
+        above = found[:, 0, ARRIVING].copy()  # what comes down upon the top goes on as what lies there lets it
+        found[:, 0, ARRIVING] = 0.0
+        if extra and route.kind[0] == SMOOTH:
+            up = route.blocks[0, 3].reshape(-1, *2 * [len(problem.stokes)])
+            lit = above.reshape(*above.shape[:2], *up.shape[:2])
+            found[:, 0, ENTERING] += np.einsum("orja,jab->orjb", lit, up).reshape(above.shape)
+        elif extra and route.kind[0] == ROUGH:
+            found[:, 0, ENTERING] += above @ route.rough_interfaces[0].up.nodes[self.orders]
+        elif extra:
+            R, T = self.blocks_of(route.pieces[0])
+            first = problem.size - R.N.shape[-1]
+            found[:, 0, RISING, :, first:] += above[..., first:] @ R.N
+            found[:, 1, ARRIVING, :, first:] += above[..., first:] @ T.N
+        route.join(self.orders, self.slabs, found, run, transposed=True)
+        found[:, 0, ARRIVING] = above
+        if route.kind[0] == CUT:
+            found[:, 0, ENTERING] += above
+        return found, extra
 
-    def slab_of(self, piece: int) -> tuple[Problem, int, int, float]:
-        """A piece's problem, medium, material and thickness."""
-        number, own = self.find_slab(piece)
-        medium = self.route.each[number]
-        return medium.problem, number, int(medium.material[own]), float(medium.thickness[own])
+    def weigh_flux(self, found: Array, seen: int) -> None:
+        """Puts what fluxes weigh into order 0 (interface, 4, r_weights, n), up at all depths, then down."""
+        route = self.route
+        for t, (at, under) in enumerate(zip(route.cut.at.tolist(), route.media.depths.under.tolist(), strict=True)):
+            index = float(route.sights.index[t])
+            nodes, weights = route.media.nodes.carried(index)
+            is_cut = route.kind[at] == CUT and at < route.cut.layer.size
+            for way, place in enumerate((RISING, ENTERING) if under else (LEAVING, ARRIVING)):
+                source = REVERSED[place]
+                if is_cut:
+                    source = {ENTERING: ARRIVING, LEAVING: RISING}.get(source, source)
+                own = found[at, source, seen + way * route.cut.at.size + t, :: len(route.problem.stokes)]
+                own[-nodes.size :] += index * np.sqrt(weights * nodes)
 
-    def response_blocks(self, piece: int) -> tuple[Blocks, Blocks]:
-        """Reflection and transmission of a piece's slab as matrices."""
-        number, own = self.find_slab(piece)
-        part = self.slabs[number][1]
+    def blocks_of(self, piece: Piece) -> tuple[Blocks, Blocks]:
+        """Reflection and transmission of a piece."""
+        response = self.slabs[piece.medium][1]
         R, T = (
-            Blocks(*(each[own, 0, way] for each in (part.nodes, part.entering, part.leaving, part.passing)))
+            Blocks(*(part[piece.slab, :, way] for part in (response.nodes, response.entering, response.leaving)))
             for way in (0, 1)
         )
         return R, T
 
-    def modes_of(self, piece: int) -> SlabModes:
-        """A piece's slab by its modes, found once."""
-        which = self.find_slab(piece)
+    def modes_of(self, piece: Piece) -> list[tuple[IntArray, SlabModes]]:
+        """A piece's slab by its modes, found once: places of orders, and what these have."""
+        which = piece.medium, piece.slab
         if which not in self.known:
-            one, medium, material, thickness = self.slab_of(piece)
-            E, F = take_blocks(one, self.sheets[medium], self.place, material)
-            modes = self.modes[medium]
-            assert modes is not None
-            found = SlabModes(E, F, *take_modes(modes, self.place, material), one.mu0, one.mu_out, thickness)
-            if self.slabs:
-                R, T = self.response_blocks(piece)
-                both = 2.0 * found.X @ found.even.nodes - np.eye(one.size)
-                self.residual = max(self.residual, float(np.abs(both - R.N - T.N).max()))
-            self.residual = max(self.residual, float(modes.residual[self.place, material]))
-            self.known[which] = found
+            one, modes = self.route.each[piece.medium].problem, self.modes[piece.medium]
+            lam = modes.lam_re[:, piece.material] + 1j * modes.lam_im[:, piece.material]
+            groups = group_by_gaps(lam if lam.imag.any() else lam.real, np.concatenate([one.mu0, one.mu_out]))
+            self.known[which] = [(some, self.make_modes(piece, some)) for some in groups]
         return self.known[which]
 
-    def change_slab(
-        self, piece: int, change: Change, turned: dict[int, Assembled], on_nodes: bool
-    ) -> tuple[Blocks, Blocks] | None:
-        """How a piece's R and T change, None where they do not; without those ``on_nodes``, OI alone."""
-        layer = int(self.route.cut.layer[piece])
-        deeper = float(change.pieces[piece])
-        if layer not in turned and deeper == 0.0:
-            return None
-        one, medium, material, thickness = self.slab_of(piece)
-        found = None
-        if layer in turned:
-            found = self.modes_of(piece).differentiate(*take_blocks(one, turned[layer], self.place, 0), on_nodes)
-        if deeper:
-            R, T = self.response_blocks(piece)
-            stokes = len(one.stokes)
-            into, out = np.repeat(one.mu0, stokes), np.repeat(one.mu_out, stokes)
-            E, F = take_blocks(one, self.sheets[medium], self.place, material)
-            decays = np.exp(-thickness / into), np.exp(-thickness / out)
-            more = deepen_slab(E, F, R, T, out, *decays)
-            if not on_nodes:
-                nothing = np.zeros((0, 0))
-                more = Blocks(nothing, nothing, nothing, more[0].OI), Blocks(nothing, nothing, nothing, more[1].OI)
-            if found is None:
-                return more[0].times(deeper), more[1].times(deeper)
-            found = found[0].plus(more[0], deeper), found[1].plus(more[1], deeper)
-        return found
+    def make_modes(self, piece: Piece, some: IntArray) -> SlabModes:
+        """A piece's slab by its modes in some orders."""
+        medium = self.route.each[piece.medium]
+        E, F = take_blocks(medium.problem, self.sheets[piece.medium], some, piece.material)
+        modes, thickness = take_modes(self.modes[piece.medium], some, piece.material), medium.thickness[piece.slab]
+        return SlabModes(E, F, modes, medium.problem.mu0, medium.problem.mu_out, float(thickness))
 
-    def change_alone(self, change: Change, turned: dict[int, Assembled]) -> tuple[Array, Array]:
-        """As `change`, of a slab that is alone."""
-        route, problem = self.route, self.route.problem
-        medium = route.each[0]
-        sent = np.zeros((1, len(route.sources), problem.n_rhs, route.sights.cosines.shape[1] * len(problem.stokes)))
-        changed = self.change_slab(0, change, turned, on_nodes=False)
-        if changed is not None:
-            passing = np.stack([blocks.OI for blocks in changed])[None, None]
-            for end, own in route.shine(medium, passing, route.falling, np.zeros_like(route.mirrored)):
-                sent[:, end] = own[:, 0] / medium.index**2
-        return route.look(sent)[0], np.zeros((2, problem.level.size, problem.n_rhs))
+    def faces_of(self, piece: Piece, some: IntArray | slice = slice(None)) -> tuple[Faces, Faces]:
+        """Light that enters a piece in some orders, and what weighs the light that leaves it."""
+        size, k = self.slabs[piece.medium][1].nodes.shape[-1], piece.place
+        nodes = [
+            field[some, at, way, :, field.shape[-1] - size :].swapaxes(1, 2)
+            for field in (self.light, self.weights)
+            for at, way in ((k, ENTERING), (k + 1, LEAVING))
+        ]
+        sights = [np.pad(part, ((0, 0), (0, self.extra))) for part in piece.sights]
+        return Faces(nodes[0], nodes[1], *piece.beams), Faces(nodes[2], nodes[3], *sights)
 
-    def change_all(self, turned: list[dict[int, Assembled]]) -> list[tuple[Array, Array]]:
-        """Of each change the derivatives of what is seen, (n_tau, n_in, n_col, n_out, S), and of the fluxes, (2, n_tau,
-        r): the light that all of them send out goes through the stack together."""
+    def change(self, change: Change, number: int, turned: dict[int, tuple[Blocks, Blocks]]) -> Array:
+        """The derivative of all that is seen, and of fluxes, (order, r_weights, r)."""
         route = self.route
-        if self.is_alone:
-            return [self.change_alone(change, own) for change, own in zip(route.changes, turned, strict=True)]
-        if not route.changes:
-            return []
-        r, problem = route.problem.n_rhs, route.problem
-        parts = [self.change_parts(change, k, turned[k]) for k, change in enumerate(route.changes)]
-        tangent = np.concatenate([part.light for part in parts], axis=-2)
-        route.join(self.orders, self.slabs, tangent, Run(1))
-        sent = route.send(self.orders, self.slabs, tangent)
-        found = []
-        for k, part in enumerate(parts):
-            own = slice(k * r, (k + 1) * r)
-            light = route.look(sent[:, :, own] + part.sent)
-            escapes = route.changed_escapes[k]
-            if escapes is not None:
-                light = light + route.look(self.value_sent(), escapes)
-            flux = np.zeros((2, problem.level.size, r))
-            if problem.conserves and self.order == 0:
-                flux = route.sum_fluxes(tangent[0, :, :, own])
-            found.append((light[0], flux))
-        return found
-
-    def change_parts(self, change: Change, number: int, turned: dict[int, Assembled]) -> "Parts":
-        """What changed slabs, a changed base and changed beams send out, of all light in the unchanged stack."""
-        route, orders, value = self.route, self.orders, self.light[None]
-        light = np.zeros_like(value)
-        changed = self.change_slabs(change, turned)
-        sent = route.send_slabs(changed, value)
-        if changed:
-            sent += route.send_beams(changed, route.falling, route.mirrored)
-            route.light_nodes(light, changed, route.falling, route.mirrored)
-        for medium, response in changed:
-            up, down = route.scatter(medium, response.nodes, value)
-            own = light[..., light.shape[-1] - response.nodes.shape[-1] :]
-            own[:, medium.pieces, RISING] += up
-            own[:, medium.pieces + 1, ARRIVING] += down
-        base, beams = route.changed_bases[number], route.beams_of(change)
+        found = np.zeros((self.orders.size, self.weights.shape[3], self.light.shape[3]))
+        for piece in route.pieces:
+            if piece.layer in turned:
+                dE, dF = turned[piece.layer]
+                for some, modes in self.modes_of(piece):
+                    some = some[some < len(dE.N)]
+                    if some.size:
+                        if some.size < len(modes.lam):
+                            modes = self.make_modes(piece, some)
+                        own = [Blocks(*(part[some] for part in vars(each).values())) for each in (dE, dF)]
+                        found[some] += modes.change(modes.list_terms(*self.faces_of(piece, some)), own[0], own[1])
+            deeper = float(change.pieces[piece.place])
+            if deeper:
+                found += deeper * self.find_depth_change(piece)
+        base = route.changed_bases[number]
         if base is not None:
-            light[:, -1, LEAVING] += route.reflect_on_base(orders, route.arriving, base)
-            light[:, -1, LEAVING] += route.spread_from_base(orders, value[:, -1, ARRIVING], base)
-            sent[:, -1] += route.leave_base(orders, value[:, -1, ARRIVING], base)
-        if beams is not None and change.beams is not None:
-            route.light_nodes(light, self.slabs, *beams[:2])
-            light[:, -1, LEAVING] += route.reflect_on_base(orders, beams[2])
-            sent += route.send_beams(self.slabs, *beams[:2])
-            for index, rough in route.rough_interfaces.items():
-                powers = (route.power_of(part[index]) for part in (change.beams.arriving, change.beams.rising))
-                rough.light(light[:, index], orders, *powers)
-        return Parts(light, sent)
-
-    def change_slabs(self, change: Change, turned: dict[int, Assembled]) -> Slabs:
-        """How R and T of those pieces change that do."""
-        found: Slabs = []
-        for medium in self.route.each:
-            blocks = [(k, self.change_slab(k, change, turned, on_nodes=True)) for k in medium.pieces.tolist()]
-            kept = [(k, own) for k, own in blocks if own is not None]
-            if kept:
-                N, NI, ON, OI = (
-                    np.stack([[[getattr(part, name) for part in own]] for _, own in kept])
-                    for name in ("N", "NI", "ON", "OI")
-                )
-                pieces = np.array([k for k, _ in kept], np.int32)
-                of = np.arange(pieces.size, dtype=np.int32)
-                found.append((replace(medium, pieces=pieces, of=of), Response(N, NI, ON, OI)))
+            reflected = route.reflect_on_base(self.orders, route.arriving, base)
+            reflected += route.spread_from_base(self.orders, self.light[:, -1, ARRIVING], base)
+            found += self.weights[:, -1, ARRIVING] @ reflected.swapaxes(1, 2)
+            sent = route.leave_base(self.orders, self.light[:, -1, ARRIVING], base)
+            found[:, : route.weighing.shape[-1]] += route.weighing[-1].T @ sent.swapaxes(1, 2)
+        if change.beams is not None:
+            found += self.follow_beams(change)
+        escapes = route.changed_escapes[number]
+        if escapes is not None:
+            weighing = route.weigh_sources(escapes)
+            found[:, : weighing.shape[-1]] += (weighing.swapaxes(1, 2) @ self.all_sent().swapaxes(-1, -2)).sum(axis=1)
         return found
 
-    def value_sent(self) -> Array:
-        """All light that is sent out along the sights, (1, source, r, n_sight S), unchanged."""
+    def find_depth_change(self, piece: Piece) -> Array:
+        """The derivative with a piece's thickness of what it sends out itself."""
+        medium = self.route.each[piece.medium]
+        one, stokes = medium.problem, len(medium.problem.stokes)
+        E, F = take_blocks(one, self.sheets[piece.medium], slice(None), piece.material)
+        passing = self.slabs[piece.medium][1].passing[piece.slab, :, 1]
+        mu_in, mu_out = np.repeat(one.mu0, stokes), np.repeat(one.mu_out, stokes)
+        thickness = float(medium.thickness[piece.slab])
+        faces = self.faces_of(piece)
+        return find_depth_change(E, F, *self.blocks_of(piece), passing, *faces, mu_in, mu_out, thickness)
+
+    def follow_beams(self, change: Change) -> Array:
+        """The derivative with the power of beams of what these light."""
+        route, orders = self.route, self.orders
+        assert change.beams is not None
+        beams, power = change.beams, route.power_of
+        falling, mirrored, arriving = (
+            power(part) for part in (beams.entering[:-1], beams.leaving[1:], beams.arriving[-1])
+        )
+        light = np.zeros_like(self.light)
+        route.light_nodes(light, self.slabs, falling, mirrored)
+        light[:, -1, LEAVING] += route.reflect_on_base(orders, arriving)
+        for index, rough in route.rough_interfaces.items():
+            rough.light(light[:, index], orders, *(power(part[index]) for part in (beams.arriving, beams.rising)))
+        found = np.zeros((orders.size, self.weights.shape[3], light.shape[3]))
+        for way, reverse in REVERSED.items():
+            for k in np.flatnonzero(light[:, :, way].any(axis=(0, 2, 3))):
+                found += self.weights[:, k, reverse] @ light[:, k, way].swapaxes(1, 2)
+        sent = route.send_beams(self.slabs, falling, mirrored)
+        seen = route.weighing.shape[-1]
+        found[:, :seen] += (route.weighing.swapaxes(1, 2) @ sent.swapaxes(-1, -2)).sum(axis=1)
+        return found
+
+    def all_sent(self) -> Array:
+        """All light that is sent out along the sights, (order, source, r, n_sight S), unchanged."""
         if self.sent is None:
             route = self.route
-            self.sent = route.send(self.orders, self.slabs, self.light[None])
+            self.sent = route.send(self.orders, self.slabs, self.light)
             self.sent += route.send_beams(self.slabs, route.falling, route.mirrored)
         return self.sent
-
-
-def take_order(response: Response, index: int) -> Response:
-    """The response of slabs in one of the orders, by its place among them."""
-    one = slice(index, index + 1)
-    return Response(
-        response.nodes[:, one], response.entering[:, one], response.leaving[:, one], response.passing[:, one]
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class Parts:
-    """Light that one change in a stack makes its slabs, its base and its beams send out: to the nodes, (1, interface,
-    4, r, n), and along the sights, (1, source, r, n_sight S)."""
-
-    light: Array
-    sent: Array

@@ -132,19 +132,27 @@ class Refracting(BeamPaths):
         """The slabs of each medium with their responses in the orders."""
         return [(one, self.respond(one.problem, one.material, one.thickness, orders, run)) for one in self.each]
 
-    def join(self, orders: IntArray, slabs: Slabs, light: Array, run: Run) -> Array:
+    def join(self, orders: IntArray, slabs: Slabs, light: Array, run: Run, transposed: bool = False) -> Array:
         """Puts all light on the nodes in the place of what sets out there, (order, interface, 4, r, n), see
-        core/stack.pxi; residual (order,). Raises AccuracyError where a system is singular."""
-        each = [np.ascontiguousarray(response.nodes.swapaxes(-1, -2)) for _, response in slabs]
+        core/stack.pxi; residual (order,). ``transposed``: every matrix of the stack is, and what interfaces let down
+        and up change places. Raises AccuracyError where a system is singular."""
+        each = [response.nodes if transposed else response.nodes.swapaxes(-1, -2) for _, response in slabs]
+        each = [np.ascontiguousarray(nodes) for nodes in each]
         size, at = np.empty((2, self.cut.layer.size), np.int32)
         begins = np.cumsum([0, *(nodes.size for nodes in each)])
         for (medium, _), nodes, begin in zip(slabs, each, begins.tolist(), strict=False):
             size[medium.pieces] = nodes.shape[-1]
             at[medium.pieces] = begin + medium.of * nodes[0].size
         rough = [
-            np.stack([way.nodes[orders] for way in (each.above, each.below, each.down, each.up)], axis=1)
-            for each in self.rough_interfaces.values()
+            np.stack([way.nodes[orders] for way in (one.above, one.below, one.down, one.up)], axis=1)
+            for one in self.rough_interfaces.values()
         ]
+        smooth, base = self.blocks, np.zeros((1, 1, 1)) if self.base is None else self.base.matrix
+        if transposed:
+            rough = [part[:, [0, 1, 3, 2]].swapaxes(-1, -2) for part in rough]
+            apart = smooth[:, [0, 1, 3, 2]].reshape(*smooth.shape[:2], -1, *2 * smooth.shape[-1:])
+            smooth = np.ascontiguousarray(apart.swapaxes(-1, -2)).reshape(smooth.shape)
+            base = np.ascontiguousarray(base.swapaxes(-1, -2))
         stokes, n = len(self.problem.stokes), self.problem.size
         with run.timed("joining") as crew:
             found = _core.join_media(
@@ -154,10 +162,10 @@ class Refracting(BeamPaths):
                 slab_at=at,
                 kind=self.kind,
                 which=self.which,
-                smooth=self.blocks,
+                smooth=smooth,
                 rough=np.stack(rough) if rough else np.zeros((0, orders.size, 4, n, n)),
                 base_row=np.full(orders.size, -1, np.int32) if self.base is None else self.base.row[orders],
-                base=np.zeros((1, 1, 1)) if self.base is None else self.base.matrix,
+                base=base,
                 stokes=stokes,
                 light=light,
             )

@@ -14,9 +14,9 @@ from vrte.basics.arrays import Array, IntArray
 from vrte.basics.errors import AccuracyError
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.doubling import double_slabs
-from vrte.discrete_ordinates.orders.homogeneous import find_modes
+from vrte.discrete_ordinates.orders.homogeneous import Modes, find_modes
 from vrte.discrete_ordinates.orders.particular import find_beam_field
-from vrte.discrete_ordinates.orders.phase_assembly import assemble
+from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble
 from vrte.discrete_ordinates.orders.problem import Problem
 
 
@@ -43,9 +43,16 @@ def respond(
     return respond_by_modes(problem, material, thickness, orders, run, quick)
 
 
-def respond_by_doubling(problem: Problem, material: IntArray, thickness: Array, orders: IntArray, run: Run) -> Response:
-    """By impedance doubling, whose matrices have all of it."""
-    matrices = assemble(problem, orders, run)
+def respond_by_doubling(
+    problem: Problem,
+    material: IntArray,
+    thickness: Array,
+    orders: IntArray,
+    run: Run,
+    matrices: Assembled | None = None,
+) -> Response:
+    """By impedance doubling, whose matrices have all of it; ``matrices`` where they are known."""
+    matrices = assemble(problem, orders, run) if matrices is None else matrices
     slabs = double_slabs(problem, material, thickness, orders, matrices, run)
     n, r, o = problem.size, problem.n_rhs, problem.rows_out
     shapes = (n, n), (r, n), (n, o), (r, o)
@@ -80,6 +87,19 @@ def respond_by_modes(
     """By the modes of each material, see core/response.pxi."""
     matrices = assemble(problem, orders, run)
     modes = find_modes(problem, orders, matrices, run, quick)
+    return respond_with_modes(problem, material, thickness, orders, matrices, modes, run)
+
+
+def respond_with_modes(
+    problem: Problem,
+    material: IntArray,
+    thickness: Array,
+    orders: IntArray,
+    matrices: Assembled,
+    modes: Modes,
+    run: Run,
+) -> Response:
+    """By modes that are known."""
     beam = find_beam_field(problem, matrices, modes, run)
     with run.timed("boundary") as crew:
         found = _core.respond(

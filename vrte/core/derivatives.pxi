@@ -1,0 +1,134 @@
+# Divided differences between the rates of a slab's modes and directions, and coefficients' derivatives from those of E
+# and F. With half a slab's thickness h, p = sqrt(a), q = sqrt(b): f(a) = tanh(h p)/p, g = a f, c = 1 - f g, and
+# tanh(h p) - tanh(h q) = tanh(h (p - q)) (1 - tanh(h p) tanh(h q)) leaves no difference of close numbers.
+
+cdef enum: FLAT = 26        # terms of tanh(sqrt y)/sqrt y: 0.5^25 over the radius pi^2/4 to the same power
+cdef double THIN = 0.5      # h^2 a below which f[a, b] is summed as a series
+cdef double CLOSE = 0.1     # points closer than this fraction of the larger one
+
+
+cdef Job divided_differences_job(Arrays* t) noexcept nogil:
+    return Job(t.n_order, 2 * <size_t>(t.n_row + t.n_column) + 3 * FLAT, 0)
+
+
+cdef int divided_differences_one(const void* task, int item, Workspace desk) noexcept nogil:
+    cdef const Arrays* t = <const Arrays*>task
+    cdef int i, j, rows = t.n_row, columns = t.n_column
+    cdef given a = t.row_points + <size_t>item * rows, b = t.column_points + <size_t>item * columns
+    cdef size_t at = <size_t>item * rows * columns
+    cdef double h = t.half, p, q, tp, tq, x, y, value, larger, low
+    cdef doubles row_tanh = desk.work, row_root = row_tanh + rows, tanhs = row_root + rows, roots = tanhs + columns
+    cdef doubles series = roots + columns
+    cdef bint ends = h < SEMI_INFINITE
+    for i in range(rows):
+        row_root[i] = sqrt(a[i])
+        row_tanh[i] = tanh(h * row_root[i]) if ends else 1.0
+    for j in range(columns):
+        roots[j] = sqrt(b[j])
+        tanhs[j] = tanh(h * roots[j]) if ends else 1.0
+    series[0] = 1.0                             # tan' = 1 + tan^2 with signs that alternate
+    for i in range(1, FLAT):
+        value = 0.0
+        for j in range(i):
+            value += series[j] * series[i - 1 - j]
+        series[i] = -value / (2 * i + 1)
+    for i in range(rows):
+        p, tp, x = row_root[i], row_tanh[i], a[i]
+        for j in range(columns):
+            q, tq, y = roots[j], tanhs[j], b[j]
+            larger = max(x, y)
+            if not ends:
+                # semi-infinite, not absorbing: g[0, 0] is infinite, and what it is multiplied with zero
+                value = -1.0 / (p * q * (p + q)) if p > 0.0 and q > 0.0 else 0.0
+                t.f[at] = value
+                t.g[at] = 1.0 / (p + q) if larger > 0.0 else 0.0
+                at += 1
+                continue
+            if h * h * larger < THIN:
+                value = h * h * h * series_difference(series, h * h * x, h * h * y)
+            elif fabs(x - y) < CLOSE * larger:
+                value = (q * (1.0 - tp * tq) * tanh_over(h, p - q) - tq) / (p * q * (p + q))
+            else:
+                value = ((tp / p if p > 0.0 else h) - (tq / q if q > 0.0 else h)) / (x - y)
+            t.f[at] = value
+            # from the larger point, where the two terms do not cancel
+            t.g[at] = tq / q + x * value if x < y else (tp / p if p > 0.0 else h) + y * value
+            if t.with_c:
+                low = exp(-2.0 * h * min(p, q))
+                value = decay_over(h * fabs(p - q)) * decay_over(h * (p + q))
+                t.c_between[at] = -square(h * (1.0 + tp) * (1.0 + tq)) * low * value
+            at += 1
+    return 0
+
+
+cdef inline double square(double x) noexcept nogil:
+    return x * x
+
+
+cdef inline double tanh_over(double h, double difference) noexcept nogil:
+    """tanh(h d)/d."""
+    cdef double x = h * difference
+    return h * (1.0 - x * x / 3.0) if fabs(x) < 1e-5 else tanh(x) / difference
+
+
+cdef inline double decay_over(double x) noexcept nogil:
+    """(1 - e^(-2 x))/(2 x)."""
+    return 1.0 if x == 0.0 else -expm1(-2.0 * x) / (2.0 * x)
+
+
+cdef double series_difference(given series, double x, double y) noexcept nogil:
+    """The divided difference of sum c_k y^k."""
+    cdef int k
+    cdef double total = 0.0, power = 1.0, term = 1.0
+    for k in range(1, FLAT):
+        total += series[k] * term
+        power *= x
+        term = y * term + power
+    return total
+
+
+cdef Job pull_scattering_job(Arrays* t) noexcept nogil:
+    cdef size_t most = t.n + max(t.n_in_rows, t.n_out_rows)
+    return Job(t.n_order, 3 * <size_t>t.n_all * t.n_term + t.n_node + 6 * most * t.n_term, 0)
+
+
+cdef int pull_scattering_one(const void* task, int item, Workspace desk) noexcept nogil:
+    """E and F, on nodes and directions off them, are rates less phi B phi^T, by (1:41)."""
+    cdef const Arrays* t = <const Arrays*>task
+    cdef int m = t.orders[item], terms = t.n_term, n = t.n, i, kind, columns, n_all = t.n_all, n_node = t.n_node
+    cdef int rows = n + t.n_out_rows, others = n + t.n_in_rows, l
+    cdef size_t most = n + max(t.n_in_rows, t.n_out_rows)
+    cdef Expansion x = Expansion(parity_of(m, t.stokes, t.members), m, terms, 1.0, NULL)
+    cdef doubles prt = desk.work, scale = prt + <size_t>3 * n_all * terms, left = scale + n_node
+    cdef doubles right = left + 2 * most * terms, spare = right + 2 * most * terms
+    cdef doubles gradient = t.gradient + <size_t>6 * item * terms
+    cdef given weights
+    if m >= terms:
+        return 0
+    spherical(m, terms, is_polar(x.p), t.directions, n_all, prt)
+    for i in range(n_node):
+        scale[i] = sqrt(t.weights[i] / t.directions[i])
+    for l in range(terms if m == 0 and x.p.place[0] >= 0 else 0):
+        for i in range(n_all):              # `find_even_shifts` of orders/phase_assembly.py
+            prt[<size_t>3 * l * n_all + i] = t.shifts[2 * l] * prt[<size_t>3 * l * n_all + i] - t.shifts[2 * l + 1]
+    for kind in range(2):
+        columns = columns_of(&x, kind)
+        weights = (t.pulled_F if kind else t.pulled_E) + <size_t>item * rows * others
+        put_columns(&x, kind, prt, n_all, 0, n_node, scale, rows, 0, spare, left)
+        put_columns(&x, kind, prt, n_all, 0, n_node, scale, others, 0, spare, right)
+        put_columns(&x, kind, prt, n_all, n_node, t.n_out, NULL, rows, n, spare, left)
+        put_columns(&x, kind, prt, n_all, n_node + t.n_out, t.n_in, NULL, others, n, spare, right)
+        for l in range(columns):
+            for i in range(t.n_out_rows):
+                left[<size_t>l * rows + n + i] /= t.directions[n_node + i // t.stokes]
+        pull_coefficients(&x, kind, -1.0, 1.0, rows, left, weights, others, right, spare, gradient)
+    return 0
+
+
+cdef void put_columns(const Expansion* x, int kind, given prt, int n_all, int first, int n_mu, given scale, int rows,
+                      int at, doubles spare, doubles out) noexcept nogil:
+    """`parity_columns` of some directions as the rows from `at` on of a matrix of so many rows."""
+    cdef int k, own = x.p.stokes * n_mu
+    parity_columns(x, kind, prt, n_all, first, n_mu, scale, spare)
+    for k in range(columns_of(x, kind)):
+        copy(own, spare + <size_t>k * own, out + <size_t>k * rows + at)
