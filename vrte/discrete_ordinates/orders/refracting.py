@@ -147,13 +147,13 @@ class Refracting(BeamPaths):
             np.stack([way.nodes[orders] for way in (one.above, one.below, one.down, one.up)], axis=1)
             for one in self.rough_interfaces.values()
         ]
+        stokes, n = len(self.problem.stokes), self.problem.size
         smooth, base = self.blocks, np.zeros((1, 1, 1)) if self.base is None else self.base.matrix
         if transposed:
-            rough = [part[:, [0, 1, 3, 2]].swapaxes(-1, -2) for part in rough]
-            apart = smooth[:, [0, 1, 3, 2]].reshape(*smooth.shape[:2], -1, *2 * smooth.shape[-1:])
+            rough = [np.ascontiguousarray(part[:, [0, 1, 3, 2]].swapaxes(-1, -2)) for part in rough]
+            apart = smooth[:, [0, 1, 3, 2]].reshape(len(smooth), 4, n // stokes, stokes, stokes)
             smooth = np.ascontiguousarray(apart.swapaxes(-1, -2)).reshape(smooth.shape)
             base = np.ascontiguousarray(base.swapaxes(-1, -2))
-        stokes, n = len(self.problem.stokes), self.problem.size
         with run.timed("joining") as crew:
             found = _core.join_media(
                 crew,
