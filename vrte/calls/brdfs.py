@@ -142,7 +142,7 @@ def solve_batch(requests: Sequence[Request], indices: list[int], run: Run) -> di
     residuals = {name: np.atleast_1d(found.diagnostics[name]) for name in sorted(Modes.allowed)}
     for name, values in residuals.items():
         solved &= values <= Modes.allowed[name]
-    for values in (*parts, reflectance):
+    for values in (*(each for each in parts if each.size), reflectance):
         solved &= np.isfinite(values.reshape(count, -1).sum(axis=1))
     # each scene's fraction of the seconds of all
     spent = {name: {clock: all_of / count for clock, all_of in each.items()} for name, each in own.stages.items()}

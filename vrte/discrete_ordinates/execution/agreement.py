@@ -56,6 +56,6 @@ def find_largest_intensity(target: Target, parts: list[Array], n_tau: int) -> Ar
     size = np.zeros(n_tau)
     for values, (levels, _) in zip(parts, target.wanted.parts, strict=True):
         for i, scale in enumerate(target.wanted.scale):
-            found = np.abs(values[:, i, :, :, 0]).max(axis=(1, 2, 3)) / scale
+            found = np.abs(values[:, i, :, :, 0]).max(axis=(1, 2, 3), initial=0.0) / scale
             size[levels] = np.maximum(size[levels], found)
     return size

@@ -137,8 +137,9 @@ def fill_results(
     come from the processor. told(k) is called when the engine is done with k pieces.
     """
     sums = [prepare_sum(target, lights, run) for target, lights in lit]
-    engine.add_up(sums, run, told)
-    for result in sums:
+    seen = [result for result in sums if any(part.rows.size for part in result.parts)]  # else fluxes alone
+    engine.add_up(seen, run, told)
+    for result in seen:
         adders, n_phi = prepare_rest(result, choose_sum_threads(result, run)), result.target.azimuths.phi.size
         for first, last in split_into_pieces(result.target.wanted, n_phi, engine.piece_bytes):
             for part in result.parts:
@@ -203,9 +204,10 @@ def make_parts(target: Target) -> list[Part]:
 
 def count_pieces(wanted: Wanted, n_phi: int, piece_bytes: float) -> int:
     """Pieces that the result is filled in, each some of the incident directions."""
-    if wanted.scale.size == 1:
-        return 1
-    return max(1, min(wanted.scale.size, math.ceil(8.0 * wanted.doubles(n_phi) / piece_bytes)))
+    size = 8.0 * wanted.doubles(n_phi)
+    if wanted.scale.size == 1 or not size:
+        return int(size > 0.0)
+    return max(1, min(wanted.scale.size, math.ceil(size / piece_bytes)))
 
 
 def split_into_pieces(wanted: Wanted, n_phi: int, piece_bytes: float) -> Iterator[tuple[int, int]]:

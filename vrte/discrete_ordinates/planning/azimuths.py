@@ -8,7 +8,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array, IntArray
 
-MOST_KEPT, MOST_NUMBERS = 16, 20_000  # of the tables of cosines that are kept: how many, and numbers in each
+MOST_NUMBERS = 20_000  # in a table of cosines that is kept
 MOST_AZIMUTHS = 4000  # that are kept with what was made of them
 
 
@@ -27,28 +27,15 @@ class Azimuths:
 
     def cos_sin(self, orders: IntArray) -> tuple[Array, Array]:
         """cos and sin of m phi, (order, n_angle) each, twice for m > 0."""
-        name = orders.tobytes()
-        found = self._found.get(name)
-        if found is None:
-            twice = np.where(orders == 0, 1.0, 2.0)[:, None]
-            cosine, sine = compute_cos_sin(orders[:, None] * self.distinct)
-            found = twice * cosine, twice * sine
-            if cosine.size <= MOST_NUMBERS:
-                if len(self._found) >= MOST_KEPT:
-                    self._found.clear()
-                self._found[name] = found
-        return found
+        small = orders.size * self.distinct.size <= MOST_NUMBERS
+        tabulate = tabulate_again if small else tabulate_again.__wrapped__
+        return tabulate(self.distinct.tobytes(), orders.tobytes())
 
     @cached_property
     def arguments(self) -> dict[str, Any]:
         """Those of single scattering, as the core takes them."""
         cosine, sine = compute_cos_sin(self.distinct)
         return {"cos_phi": cosine, "sin_phi": sine, "angle": self.angle, "sign": self.sign}
-
-    @cached_property
-    def _found(self) -> dict[bytes, tuple[Array, Array]]:
-        """Cosines and sines by their orders."""
-        return {}
 
 
 def fold_azimuths(phi: Array, mirror: bool = True) -> Azimuths:
@@ -71,6 +58,15 @@ def fold_again(numbers: bytes, mirror: bool) -> Azimuths:
     turned = np.where(mirrored, 360.0 - turn, turn)
     distinct, angle = np.unique(turned, return_inverse=True) if phi.size > 1 else (turned, np.zeros(1, np.int32))
     return Azimuths(phi, distinct, angle.astype(np.int32), np.where(mirrored, -1.0, 1.0))
+
+
+@lru_cache(maxsize=64)
+def tabulate_again(distinct: bytes, orders: bytes) -> tuple[Array, Array]:
+    """Cosines and sines by azimuths and orders as they lie in memory."""
+    m = np.frombuffer(orders, np.int32)[:, None]
+    cosine, sine = compute_cos_sin(m * np.frombuffer(distinct))
+    twice = np.where(m == 0, 1.0, 2.0)
+    return twice * cosine, twice * sine
 
 
 def compute_cos_sin(angle_deg: Array) -> tuple[Array, Array]:

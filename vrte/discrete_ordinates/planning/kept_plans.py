@@ -3,6 +3,7 @@
 import threading
 import time
 from collections import OrderedDict
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 from vrte.basics.running import Run
@@ -13,25 +14,9 @@ if TYPE_CHECKING:
 
 MOST_PLANS = 32
 MOST_NUMBERS = 50_000  # largest plan that is kept, in numbers, roughly
-TOLD = (  # of a request, beside its scene and numbers
-    "kind",
-    "fluxes_only",
-    "nodes",
-    "grading",
-    "accuracy",
-    "algorithm",
-    "truncation",
-    "backend",
-    "precision",
-    "verify",
-    "method",
-    "method_rule",
-    "nodes_rule",
-    "refined",
-    "illuminate",
-    "time_limit_s",
-    "given",
-)
+NUMBERS = ("mu0", "columns", "mu", "phi", "tau", "under")  # arrays of a request
+APART = {*NUMBERS, "scene", "wanted", "settings", "threads", "asked_tau", "incident"}
+TOLD = tuple(one.name for one in fields(Request) if one.name not in APART)  # of a request, beside its scene and numbers
 
 _plans: "OrderedDict[tuple[Any, ...], Plan]" = OrderedDict()
 _lock = threading.Lock()
@@ -49,7 +34,7 @@ def name_request(request: Request, run: Run) -> tuple[Any, ...] | None:
         return None
     if terms * (request.nodes + len(scene.layers)) + request.mu.size + request.mu0.size > MOST_NUMBERS:
         return None
-    arrays: list[Any] = [request.mu0, request.columns, request.mu, request.phi, request.tau, request.under]
+    arrays: list[Any] = [getattr(request, name) for name in NUMBERS]
     wanted = request.wanted
     if wanted is not None:
         arrays += [wanted.place, wanted.scale, *(each for part in wanted.parts for each in part)]

@@ -362,15 +362,16 @@ def make_plan(
     problem = discretise_scenes(scenes, *into, peaks, request.under, grading, truncations[0].whole)
     if skip_flags != EVERYTHING:
         problem = replace_unchecked(problem, skip_flags=skip_flags)
-    needs, bounds, brightest = look_at_orders(scenes, problem, mu, request, run)
     uneven = couples_orders(problem, scene.below)
+    is_first_alone = request.fluxes_only and skip_flags.fluxes and not uneven
+    needs, bounds, brightest = look_at_orders(scenes, problem, mu[: 0 if is_first_alone else None], request, run)
     careful: tuple[float, ...] = CAREFUL
     if scene.is_rough and not uneven and not request.fluxes_only:
         careful = CAREFUL_UNDER_FACETS
         bounds, brightest = bound_orders_under_facets(problem, needs.strength[0])
     counts = np.full(len(scenes), problem.coefficients.shape[1], np.int32)
     stages: tuple[int, ...] = ()
-    if request.fluxes_only and skip_flags.fluxes and not uneven:
+    if is_first_alone:
         counts[:] = 1
     elif skip_flags.orders and not uneven:
         counts = count_orders_that_matter(bounds, brightest, accuracy)
@@ -399,15 +400,17 @@ def look_at_orders(
     scenes: Sequence[Scene], problem: Problem, mu: Array, request: Request, run: Run
 ) -> tuple[OrderBounds, Array, Array]:
     """What multiple scattering of each order can do, in all and at each depth, (scene, order, n_tau, 1), whichever
-    medium it is scattered in, and the light there, (scene, n_tau, n_in); along the directions ``mu``."""
+    medium it is scattered in, and the light there, (scene, n_tau, n_in); along the directions ``mu``, 0 without any."""
+    brightest = np.zeros((problem.scenes, problem.level_layer.size, problem.mu0.size))
     if problem.media is None:
-        return *find_order_bounds(problem, run, problem.depth), find_brightness(scenes, problem, mu, request.phi, run)
+        if mu.size:
+            brightest = find_brightness(scenes, problem, mu, request.phi, run)
+        return *find_order_bounds(problem, run, problem.depth), brightest
     views = list_views(problem, mu)
     out, into = (np.concatenate(parts) for parts in zip(*((one.mu_out, one.mu0) for one, _, _ in views), strict=True))
     straight = replace_unchecked(problem, mu_out=out, mu0=into)
     needs, bounds = find_order_bounds(straight, run, 0.0 * problem.level)  # mirrored light does not decay with depth
-    brightest = np.zeros((problem.scenes, problem.level_layer.size, problem.mu0.size))
-    for inside, seen, levels in views:  # the densest medium last: its light stays
+    for inside, seen, levels in views if mu.size else ():  # the densest medium last: its light stays
         brightest[:, levels] = find_brightness(scenes, inside, seen, request.phi, run)[:, levels]
     return needs, bounds, brightest
 
@@ -425,8 +428,8 @@ def converge_on_nodes(request: Request) -> tuple[NodeChoice, float]:
 
 
 def want_everything(request: Request, mu: Array) -> Wanted:
-    """All depths and directions ``mu`` of every beam, its columns added up."""
-    n_tau, n_mu, n_col = request.tau.size, mu.size, request.columns.shape[0]
+    """All depths and directions ``mu`` of every beam, its columns added up; none where fluxes alone are asked for."""
+    n_tau, n_mu, n_col = request.tau.size, 0 if request.fluxes_only else mu.size, request.columns.shape[0]
     part = np.arange(n_tau, dtype=np.int32), np.arange(n_mu, dtype=np.int32)
     return Wanted([part], np.zeros(n_col, np.int32), np.ones(request.mu0.size))
 
