@@ -165,18 +165,6 @@ def test_colours_are_downloaded_and_drawn_once_they_are_of_the_forms_scene(
     assert_close(figure.data[0].x, AT, rtol=1e-6, atol=0.0)
 
 
-@pytest.mark.slow
-def test_the_newest_position_of_a_slider_wins(shared: Query) -> None:
-    look(shared, thicken(2.0))
-    seen = set()
-    for step in range(60):
-        shared.ask(make_task(thicken(3.0 + 0.1 * step)))
-        seen.add(id(shared.answer.spectra))
-    look(shared, thicken(8.9))  # asked last already
-    assert shared.answered is shared.task
-    assert len(seen) < 30  # the others were passed over
-
-
 def test_bad_content_is_a_sentence_and_the_process_lives_on_within_its_memory(shared: Query) -> None:
     assert isinstance(look(shared, SEMI_INFINITE), Appeared)
     before = shared.worker
