@@ -11,26 +11,23 @@ import pytest
 
 import vrte
 from bench.tables import FULL_SIZE
+from bench.workers import PEAK
 
 from .conftest import eigenproblems
 
 Measure = Callable[..., float]
 DIRECTIONS = np.linspace(0.05, 1.0, 20)
-PEAK = """
+GOLD = """
 import numpy as np, vrte
 from bench import cases
-
-def peak():
-    line = next(line for line in open("/proc/self/status") if line.startswith("VmHWM"))
-    return int(line.split()[1]) / 1024
 
 scene = cases.find_scene("gold")
 """
 
 
 def run_alone(code: str) -> str:
-    """What code after PEAK prints, in a process of its own."""
-    return subprocess.run([sys.executable, "-c", PEAK + code], capture_output=True, check=True, text=True).stdout
+    """What code about gold prints, in a process of its own."""
+    return subprocess.run([sys.executable, "-c", PEAK + GOLD + code], capture_output=True, check=True, text=True).stdout
 
 
 def test_table_3_radiance(gold: vrte.Scene, against_floor: Measure) -> None:

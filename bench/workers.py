@@ -3,6 +3,14 @@
 import subprocess
 import sys
 
+# megabytes that the process has held at most so far
+PEAK = """
+def peak():
+    line = next(line for line in open("/proc/self/status") if line.startswith("VmHWM"))
+    return int(line.split()[1]) / 1024.0
+
+"""
+
 
 class Worker:
     """A process that runs the code; it prints a line when it is ready, and one for each line that it is sent."""

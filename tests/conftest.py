@@ -1,7 +1,8 @@
 """What every test can ask for."""
 
 import os
-from collections.abc import Callable
+import shutil
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,23 @@ def reference() -> Callable[[str], Path]:
         return path
 
     return find
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Any]:
+    """The browser that VRTE_CHROMIUM names, or the system's; a skip where there is none."""
+    names = "chromium", "chromium-browser", "google-chrome"
+    program = os.environ.get("VRTE_CHROMIUM") or next(filter(None, map(shutil.which, names)), None)
+    if program is None:
+        pytest.skip(f"no browser here: none of {', '.join(names)} is installed, VRTE_CHROMIUM names none")
+    from playwright.sync_api import sync_playwright
+
+    graphics = "--use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader"
+    flags = f"--no-sandbox --disable-background-networking {graphics}".split()
+    with sync_playwright() as playwright:
+        found = playwright.chromium.launch(executable_path=program, args=flags)
+        yield found
+        found.close()
 
 
 @pytest.fixture

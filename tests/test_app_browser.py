@@ -2,9 +2,7 @@
 
 import base64
 import copy
-import os
 import re
-import shutil
 import tomllib
 import zipfile
 import zlib
@@ -32,35 +30,16 @@ from vrte.formats.toml_table import write_toml
 from .helpers import assert_close, close_to
 from .viewer_server import ROOT, viewer
 
-NAMES = ("chromium", "chromium-browser", "google-chrome")
-CHROMIUM = os.environ.get("VRTE_CHROMIUM") or next(filter(None, map(shutil.which, NAMES)), None)
-GRAPHICS = "--use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader"
-FLAGS = f"--no-sandbox --disable-background-networking {GRAPHICS}".split()
 TABLE = {"layer": [{"phase": "/etc/x.csv", "albedo": 1, "thickness": 1}]}  # a file of the machine
 PATIENCE = 30_000  # milliseconds
 READY = "!document.querySelector('.vrte-go').disabled"
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(
-        CHROMIUM is None, reason=f"no browser here: none of {', '.join(NAMES)} is installed, VRTE_CHROMIUM names none"
-    ),
-]
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
 def url() -> Iterator[str]:
     with viewer() as address:
         yield address
-
-
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[Any]:
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        found = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        yield found
-        found.close()
 
 
 @pytest.fixture

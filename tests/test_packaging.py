@@ -122,35 +122,20 @@ def test_sources_that_are_not_built_say_what_to_do(tmp_path: Path) -> None:
     )
 
 
-@pytest.fixture
-def clone(tmp_path: Path) -> Path:
-    """A repository of two commits without a tag, which takes its version as this one does."""
+def test_the_version_without_tags_comes_before_the_newest_section_of_the_changelog(tmp_path: Path) -> None:
+    """Of a repository of two commits, which takes its version as this one does."""
     if shutil.which("git") is None or not (ROOT / ".git_archival.txt").is_file():
         pytest.skip("no git, or a source archive")
-    folder = tmp_path / "clone"
-    folder.mkdir()
     for name in ("pyproject.toml", ".git_archival.txt", ".gitattributes"):
-        shutil.copy(ROOT / name, folder / name)
-    run("git", "init", "--quiet", "--initial-branch", "main", folder=folder)
-    run("git", "config", "user.name", "A test", folder=folder)
-    run("git", "config", "user.email", "", folder=folder)
-    run("git", "add", ".", folder=folder)
-    commit(folder)
-    commit(folder)
-    return folder
-
-
-def commit(clone: Path) -> None:
-    run("git", "commit", "--quiet", "--allow-empty", "--message", "one more", folder=clone)
-
-
-def find_version(folder: Path) -> str:
-    """The version that a build of the sources in ``folder`` would have."""
-    return run(sys.executable, "-m", "setuptools_scm", folder=folder).strip()
-
-
-def test_the_version_without_tags_comes_before_the_newest_section_of_the_changelog(clone: Path) -> None:
-    assert re.fullmatch(rf"{re.escape(RELEASED[0])}\.dev2\+g\w+", find_version(clone))
+        shutil.copy(ROOT / name, tmp_path / name)
+    run("git", "init", "--quiet", "--initial-branch", "main", folder=tmp_path)
+    run("git", "config", "user.name", "A test", folder=tmp_path)
+    run("git", "config", "user.email", "", folder=tmp_path)
+    run("git", "add", ".", folder=tmp_path)
+    for _ in range(2):
+        run("git", "commit", "--quiet", "--allow-empty", "--message", "one more", folder=tmp_path)
+    version = run(sys.executable, "-m", "setuptools_scm", folder=tmp_path).strip()
+    assert re.fullmatch(rf"{re.escape(RELEASED[0])}\.dev2\+g\w+", version)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="the paths of an environment differ there")

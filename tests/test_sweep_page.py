@@ -13,7 +13,6 @@ import pytest
 import xarray
 
 import vrte
-from tests.test_app_browser import CHROMIUM, FLAGS, NAMES
 from vrte.cli import main
 from vrte.results.over_hemisphere import stokes_over_hemisphere
 from vrte.sweep.interpolation import interpolate
@@ -170,18 +169,6 @@ def test_the_sweeps_of_the_site_fit_a_page() -> None:
     for path in files:
         assert re.match(r"# [A-Z]", path.read_text("utf-8"))
         check_sweep_for_page(read_sweep(path))
-
-
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[Any]:
-    if CHROMIUM is None:
-        pytest.skip(f"no browser here: none of {', '.join(NAMES)} is installed, VRTE_CHROMIUM names none")
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        found = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        yield found
-        found.close()
 
 
 @pytest.fixture
