@@ -6,6 +6,7 @@ import re
 import warnings
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ import pytest
 import vrte
 from vrte.cli import main
 from vrte.fit.model import make_model
+from vrte.fit.problem import FitProblem, StaleSlopesError, fit_residuals
 from vrte.fit.run import FitStep
 from vrte.fit.verdict import UNLIKELY, count_runs, find_p_value
 
@@ -44,6 +46,37 @@ def test_numbers_come_back_from_what_they_made() -> None:
     with pytest.warns(vrte.MisfitWarning, match="all rows are above what the model shows"):
         found = vrte.fit(measure(), SCENE, {"base.albedo": {"start": 0.1, "high": 0.2}}, nodes=4)
     assert any("base.albedo is at its upper bound 0.2" in one for one in found.notes)
+
+
+def test_derivatives_are_updated_and_found_anew_where_they_lead_nowhere(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rosenbrock's valley in the place of a scene: (1, 1), with fewer derivatives than trials."""
+    problem = vrte.fit(measure(), SCENE, ["layer[1].thickness", "layer[1].albedo"], nodes=4).problem
+    assert problem is not None
+    pairs = zip(problem.parameters, (-1.2, 1.0), strict=True)
+    free = [replace(one, start=start, low=-2.0, high=2.0) for one, start in pairs]
+    asked = {"values": 0, "derivatives": 0}
+
+    def predict(values: Any) -> Any:
+        asked["values"] += 1
+        return np.array([10.0 * (values[1] - values[0] ** 2), 1.0 - values[0]])
+
+    def linearize(values: Any) -> Any:
+        asked["derivatives"] += 1
+        asked["values"] -= 1
+        return predict(values), np.array([[-20.0 * values[0], 10.0], [-1.0, 0.0]])
+
+    model = SimpleNamespace(predict=predict, linearize=linearize, measurement=SimpleNamespace(value=np.zeros(2)))
+    valley = FitProblem(model, free, np.full((2, 2), np.nan), np.ones(2))  # type: ignore[arg-type]
+    begin, every, stale = np.array([-1.2, 1.0]), np.ones(2, bool), []
+    monkeypatch.setattr(StaleSlopesError, "__init__", lambda self: stale.append(self))
+    point, least, converged = fit_residuals(valley, begin, every, 200)
+    assert_close(point.values, 1.0, rtol=1e-6, atol=0.0)
+    assert converged
+    assert least < 1e-12
+    assert point.slopes is not None
+    assert stale
+    assert 2 < asked["derivatives"] < asked["values"] / 3
+    assert not fit_residuals(valley, begin, every, 5)[2]
 
 
 def test_a_prior_counts_like_a_row() -> None:

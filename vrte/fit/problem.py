@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,6 +20,7 @@ KEPT = 4  # points whose solves are remembered
 LOSSES = ("linear", "soft_l1")
 JACOBIANS = ("exact", "differences")
 MOST_STARTS = 1000
+PATIENCE = 2  # trials in a row that lower nothing, after which updated derivatives are found anew
 ENOUGH = 1e-7  # relative change of the sum, or of the coordinates, that ends a descent
 
 
@@ -165,7 +167,7 @@ class FitProblem:
         key = values.tobytes()
         found = self.kept.get(key)
         if found is None or (with_slopes and found.slopes is None):
-            if with_slopes or self.model.jacobian == "exact":
+            if with_slopes:
                 found = Point(values, *self.model.linearize(values))
             else:
                 found = Point(values, self.model.predict(values), None)
@@ -192,51 +194,99 @@ class FitProblem:
         square = residuals**2
         return float(square.sum() if self.loss == "linear" else (2.0 * (np.sqrt(1.0 + square) - 1.0)).sum())
 
-    def find_residuals(self, steps: Array) -> Array:
-        """At coordinates; NaN where the model takes no such values, so that steps become shorter."""
+    def find_residuals(self, values: Array) -> Array:
+        """At numbers of the scene; NaN where the model takes no such values, so that steps become shorter."""
         try:
-            return self.join(self.find_point(self.find_values(steps), False))
+            return self.join(self.find_point(values, False))
         except (SceneError, AccuracyError):
             return np.full(self.sigma.size + int(self.known.sum()), np.nan)
 
-    def find_slopes(self, steps: Array) -> Array:
+    def find_slopes(self, point: Point) -> Array:
         """Derivatives of residuals by coordinates."""
-        values = self.find_values(steps)
-        scale = [one.find_slope(value) for one, value in zip(self.parameters, values.tolist(), strict=True)]
-        return self.join_slopes(self.find_point(values, True)) * np.array(scale)
+        pairs = zip(self.parameters, point.values.tolist(), strict=True)
+        return self.join_slopes(point) * np.array([one.find_slope(value) for one, value in pairs])
+
+
+class StaleSlopesError(Exception):
+    """Trials in a row did not lower the sum, by slopes that are updates."""
+
+
+class Descent:
+    """A walk to the least sum over the ``free`` coordinates, the others as in ``begin``, from ``x``. Derivatives are
+    those of the model there, then updated from step to step by what residuals changed (Broyden): a trial is a solve
+    without derivatives. ``x`` and ``point`` become the last step's; ``report`` gets the point of each."""
+
+    def __init__(
+        self, problem: FitProblem, begin: Array, free: BoolArray, x: Array, report: Callable[[Point], None] | None
+    ) -> None:
+        self.problem, self.begin, self.free, self.x, self.report = problem, begin, free, x, report
+        self.trials, self.failed, self.updates = 0, 0, 0
+        self.point = problem.find_point(self.find_values(x), True)
+        self.slopes, self.residuals = problem.find_slopes(self.point)[:, free], problem.join(self.point)
+        self.cost = problem.measure(self.residuals)
+
+    def find_values(self, x: Array) -> Array:
+        """Numbers of the scene at coordinates."""
+        steps = self.begin.copy()
+        steps[self.free] = x
+        return self.problem.find_values(steps)
+
+    def find_residuals(self, x: Array) -> Array:
+        """Of a trial. Raises StaleSlopesError."""
+        self.trials += 1
+        found = self.problem.find_residuals(self.find_values(x))
+        self.failed = 0 if self.problem.measure(found) <= self.cost else self.failed + 1
+        if self.failed >= PATIENCE and self.updates:
+            raise StaleSlopesError
+        return found
+
+    def find_slopes(self, x: Array) -> Array:
+        """Where a step has led: the least change of derivatives, each by its own size, that explains the residuals."""
+        step = x - self.x
+        if step.any():
+            self.point = self.problem.find_point(self.find_values(x), False)
+            residuals = self.problem.join(self.point)
+            weights = (self.slopes**2).sum(axis=0) * step
+            if weights @ step > 0.0:
+                surprise = residuals - self.residuals - self.slopes @ step
+                self.slopes = self.slopes + np.outer(surprise, weights / (weights @ step))
+            self.x, self.residuals, self.cost = x.copy(), residuals, self.problem.measure(residuals)
+            self.updates += 1
+            if self.report is not None:
+                self.report(self.point)
+        return self.slopes.copy()  # a robust loss scales them in place
 
 
 def fit_residuals(
     problem: FitProblem, begin: Array, free: BoolArray, most_steps: int, report: Callable[[Point], None] | None = None
-) -> tuple[Array, float, bool]:
-    """Values (n,) of least squares from coordinates ``begin`` (n,), of which some are ``free`` (n,), the sum there, and
-    whether it converged; ``report`` gets each point of a step."""
+) -> tuple[Point, float, bool]:
+    """The point of least squares from coordinates ``begin`` (n,), of which some are ``free`` (n,), the sum there, and
+    whether it converged: a descent by the model's own derivatives there finds nothing less. Where it did, the point has
+    these; ``report`` gets each point of a step."""
     from scipy.optimize import least_squares
-
-    def complete(steps: Array) -> Array:
-        whole = begin.copy()
-        whole[free] = steps
-        return whole
-
-    def find_residuals(steps: Array) -> Array:
-        return problem.find_residuals(complete(steps))
-
-    def find_slopes(steps: Array) -> Array:
-        slopes = problem.find_slopes(complete(steps))
-        if report is not None:
-            report(problem.find_point(problem.find_values(complete(steps)), True))
-        return slopes[:, free]
 
     start = problem.find_point(problem.find_values(begin), bool(free.any()))  # its errors are not to be swallowed
     if not free.any():
-        return start.values, problem.measure(problem.join(start)), True
+        return start, problem.measure(problem.join(start)), True
+    if report is not None:
+        report(start)
     pairs = zip(problem.parameters, free, strict=True)
     ends = np.array([[one.convert_to_step(end) for end in (one.low, one.high)] for one, is_free in pairs if is_free])
-    inside = np.clip(begin[free], np.nextafter(ends[:, 0], np.inf), np.nextafter(ends[:, 1], -np.inf))
-    how: dict[str, Any] = {"x_scale": "jac", "loss": problem.loss, "max_nfev": most_steps}
+    x = np.clip(begin[free], np.nextafter(ends[:, 0], np.inf), np.nextafter(ends[:, 1], -np.inf))
+    how: dict[str, Any] = {"x_scale": "jac", "loss": problem.loss}
     how |= dict.fromkeys(("ftol", "xtol", "gtol"), ENOUGH)
-    found = least_squares(find_residuals, inside, find_slopes, (ends[:, 0], ends[:, 1]), **how)
-    return problem.find_values(complete(found.x)), 2.0 * float(found.cost), found.status > 0
+    while True:
+        descent = Descent(problem, begin, free, x, report)
+        first, before, ended = descent.point, descent.cost, False
+        how["max_nfev"] = most_steps
+        with suppress(StaleSlopesError):
+            found = least_squares(descent.find_residuals, x, descent.find_slopes, (ends[:, 0], ends[:, 1]), **how)
+            ended = found.status > 0
+        x, most_steps = descent.x, most_steps - descent.trials
+        if ended and before - descent.cost <= ENOUGH * before:
+            return first, before, True
+        if most_steps < 1:
+            return descent.point, descent.cost, False
 
 
 def choose_sigma(model: Model) -> Array:

@@ -16,6 +16,7 @@ from vrte.fit.files import Journal, find_fingerprint
 from vrte.fit.measurement import Measurement
 from vrte.fit.model import make_model
 from vrte.fit.problem import (
+    ENOUGH,
     JACOBIANS,
     LOSSES,
     MOST_STARTS,
@@ -218,7 +219,8 @@ def spread_starts(parameters: Sequence[Parameter], count: int, seed: int) -> lis
 
 
 class Search:
-    """Least squares from several starts; ``best``: the point of the least sum so far, whose derivatives are known."""
+    """Least squares from several starts; ``best``: the point of the least sum so far, with derivatives where it has as
+    little, so far as a descent can tell."""
 
     def __init__(self, problem: FitProblem, journal: Journal, most_steps: int, watch: Watch | None) -> None:
         self.problem, self.journal, self.most_steps, self.watch = problem, journal, most_steps, watch
@@ -247,19 +249,19 @@ class Search:
 
         from_here = begin if journal.here is None else problem.find_steps(np.array(journal.here))
         everything = np.ones(begin.size, bool)
-        values, chi2, converged = fit_residuals(problem, from_here, everything, self.most_steps, report)
-        self.keep(problem.find_point(values, True))
+        point, chi2, converged = fit_residuals(problem, from_here, everything, self.most_steps, report)
+        self.keep(problem.find_point(point.values, True))
         ended = "converged" if converged else f"stopped after {self.most_steps} trials"
         if progress is not None:
             progress(self.most_steps, self.most_steps)
         solves = problem.model.solves - before
-        journal.finished.append(Start(tuple(start.tolist()), tuple(values.tolist()), chi2, solves, ended))
+        journal.finished.append(Start(tuple(start.tolist()), tuple(point.values.tolist()), chi2, solves, ended))
         journal.note(None, problem.model.nodes)
 
     def keep(self, point: Point) -> None:
         """Remembers a point that is better than all before."""
-        cost = self.problem.measure(self.problem.join(point))
-        if cost < self.cost:
+        cost, known = self.problem.measure(self.problem.join(point)), point.slopes is not None
+        if cost < self.cost or (known and cost <= (1.0 + ENOUGH) * self.cost):
             self.best, self.cost = point, cost
 
     def refine(self, fixed: bool) -> None:
@@ -279,7 +281,7 @@ class Search:
         self.best, self.cost = None, math.inf
         if moved > NODES_MATTER:
             begin, everything = self.problem.find_steps(values), np.ones(values.size, bool)
-            values, *_ = fit_residuals(self.problem, begin, everything, self.most_steps, self.keep)
+            values = fit_residuals(self.problem, begin, everything, self.most_steps, self.keep)[0].values
         self.keep(self.problem.find_point(values, True))
 
 
@@ -287,6 +289,7 @@ def make_fit(problem: FitProblem, search: Search, interrupted: bool) -> Fit:
     """The result, with errors and what the data cannot tell. Warns (IndistinguishableWarning)."""
     best, model, given = search.best, problem.model, problem.model.measurement
     assert best is not None
+    best = best if best.slopes is not None else problem.find_point(best.values, True)
     assert best.slopes is not None
     residuals, slopes = problem.join(best), problem.join_slopes(best)
     chi2, freedom = float(residuals @ residuals), residuals.size - len(problem.parameters)

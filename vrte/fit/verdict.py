@@ -205,7 +205,7 @@ def find_profile(fit: "Fit", name: str, values: Any, points: int, progress: Prog
         if near is not None:
             begin[others] = found[near]
         point, cost, _ = fit_residuals(problem, problem.find_steps(begin), others, MOST_STEPS)
-        found[k], chi2[k] = point[others], cost * scale
+        found[k], chi2[k] = point.values[others], cost * scale
         if progress is not None:
             progress(done + 1, grid.size)
     low, high = find_interval(grid, chi2, float(fit.values[index]), fit.chi2 * scale)
