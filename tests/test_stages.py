@@ -18,13 +18,14 @@ from vrte.basics.quadrature import make_double_gauss
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.boundary import OPEN, Top
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
-from vrte.discrete_ordinates.orders.fused_modes import STAGES, complain_of_order, solve_by_modes, solve_by_stages
+from vrte.discrete_ordinates.orders.fused_modes import STAGES, solve_by_modes, solve_by_stages
 from vrte.discrete_ordinates.orders.invariance import reflect_semi_infinite
 from vrte.discrete_ordinates.orders.modes import Modes
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.routes import make_route
 from vrte.discrete_ordinates.orders.single_interface import SingleInterface
 from vrte.discrete_ordinates.orders.slab_response import respond
+from vrte.discrete_ordinates.orders.stages import complain_of_order
 from vrte.scene.boundary import BLACK, Boundary
 
 from .helpers import assert_close, close_to
@@ -78,9 +79,9 @@ def test_a_run_that_is_stopped_gives_up_and_what_fails_is_named() -> None:
     with pytest.raises(KeyboardInterrupt):
         route_of([AIR, HAZE]).solve(np.arange(2, dtype=np.int32), run)
     with pytest.raises(AccuracyError, match="eigenproblem of order 5, layer 2 did not converge"):
-        complain_of_order(orders, np.array([[0, 0], [1, 1]], np.int32))
+        complain_of_order("homogeneous", orders, np.array([1, 1]))
     with pytest.raises(AccuracyError, match="boundary system of order 3 is singular"):
-        complain_of_order(orders, np.array([[3, 0], [0, 0]], np.int32))
+        complain_of_order("boundary", orders, np.array([0]))
 
 
 def test_a_surface_that_cannot_be_joined_is_named() -> None:

@@ -20,7 +20,7 @@ static void vrte_odd_moments(const vrte_arrival* p, double* moments) {
                                  0.9739065285171717};
     static const double weight[5] = {0.2955242247147529, 0.2692667193099963, 0.2190863625159821, 0.1494513491505806,
                                      0.0666713443086881};
-    const double half = 0.5 * p->thickness, top = p->far / half - 1.0, middle = 0.5 * (top + 1.0);
+    const double half = 0.5 * p->thickness, top = 2.0 * (p->far / p->thickness) - 1.0, middle = 0.5 * (top + 1.0);
     for (int i = 0; i < p->rows; i++) {
         const double x = p->passed[i], around = 0.5 * (1.0 - top);
         double sum[VRTE_MOMENTS] = {0.0}, moment = p->gone[i], power = 1.0;

@@ -166,7 +166,12 @@ cdef class Stage:
     cdef Kernel kernel
     cdef Plan plan
     cdef bint alone
-    cdef tuple names
+    cdef tuple names, names_read
+
+    @property
+    def reads(self):
+        """Names of what it reads."""
+        return self.names_read
 
     @property
     def __name__(self):
@@ -398,4 +403,5 @@ cdef Stage make_stage(int index, Kernel kernel, Plan plan, bint with_crew):
     stage.said, stage.kernel, stage.plan, stage.alone = &vrte_stages[index], kernel, plan, not with_crew
     stage.taken = vrte_arguments + stage.said.first
     stage.names = tuple([sys.intern(stage.taken[k].name.decode()) for k in range(stage.said.count)])
+    stage.names_read = tuple([stage.names[k] for k in range(stage.said.count) if not stage.taken[k].written])
     return stage

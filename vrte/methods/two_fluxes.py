@@ -27,13 +27,10 @@ from vrte.basics.arrays import Array, BoolArray
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.base import Base, expand_base
-from vrte.discrete_ordinates.orders.boundary import solve_boundary
-from vrte.discrete_ordinates.orders.homogeneous import find_modes
-from vrte.discrete_ordinates.orders.particular import find_beam_field
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.reconstruction import find_nodal_fluxes, reconstruct
 from vrte.discrete_ordinates.orders.single_scattering import integrate_paths
+from vrte.discrete_ordinates.orders.stages import finish_stages, list_known
 from vrte.discrete_ordinates.orders.truncating import (
     Truncation,
     choose_truncation,
@@ -72,12 +69,9 @@ def put_on_one_node(problem: Problem, cosine: float, weight: float) -> Problem:
 def solve_one_node(problem: Problem, matrices: Assembled, base: Base, run: Run) -> TwoFluxes:
     """The field of all orders that there are matrices of."""
     orders = np.arange(len(matrices.E), dtype=np.int32)
-    modes = find_modes(problem, orders, matrices, run)
-    beam = find_beam_field(problem, matrices, modes, run)
-    amplitudes = solve_boundary(problem, orders, modes, beam, base, run)
-    kernels = reconstruct(problem, orders, matrices, modes, beam, amplitudes, base, run)
-    up, down = find_nodal_fluxes(problem, orders, modes, beam, amplitudes)
-    return TwoFluxes([*kernels[:, :, :, 0, :, 0]], down[..., 0], up[..., 0])
+    known = list_known(problem, orders, False, base) | vars(matrices) | {"base_row": base.row[orders]}
+    found, _ = finish_stages(problem, known, run)
+    return TwoFluxes([*found.kernels[:, :, :, 0, :, 0]], found.flux_down[..., 0], found.flux_up[..., 0])
 
 
 def cut_to_two(request: Request) -> Problem:

@@ -9,27 +9,24 @@ import numpy as np
 
 from vrte import _core
 from vrte.basics.arrays import Array, BoolArray, IntArray
-from vrte.basics.errors import AccuracyError
 from vrte.basics.running import Run, ThreadTeam
 from vrte.discrete_ordinates.orders.base import Base
-from vrte.discrete_ordinates.orders.boundary import OPEN, Top, solve_boundary
-from vrte.discrete_ordinates.orders.homogeneous import find_modes
-from vrte.discrete_ordinates.orders.particular import Beam, copy_to_layers, find_beam_field
+from vrte.discrete_ordinates.orders.boundary import OPEN, Top
 from vrte.discrete_ordinates.orders.phase_assembly import assemble
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.reconstruction import find_nodal_fluxes, reconstruct
 from vrte.discrete_ordinates.orders.slabs import find_materials, merge_materials
 from vrte.discrete_ordinates.orders.solved import Orders
+from vrte.discrete_ordinates.orders.stages import RESIDUALS, complain_of_order, finish_stages, list_known, select_read
 
-RESIDUALS = ("residual_of_modes", "residual_of_boundary")
 STAGES = ("assembly", "homogeneous", "particular", "boundary", "reconstruction")
 
 
 @dataclass(frozen=True, eq=False)
 class FusedModes:
     """Radiance (item, n_tau, n_in, n_col, n_out, S) of an order of a scene for a unit beam, public frame; flux (item,
-    2, n_tau, n_in, n_col) up and down; rising (item, n_rhs, n): see `Amplitudes`; residual (2, item): of the modes, of
-    the boundary, no number where a stage failed; missed (item, 2): which, 0 for none, and its layer."""
+    2, n_tau, n_in, n_col) up and down; rising (item, n_rhs, n): light that comes up to what lies above; residual (2,
+    item): of the modes, of the boundary, no number where a stage failed; missed (item, 2): which, 0 for none, and its
+    layer."""
 
     radiance: Array
     flux: Array
@@ -56,7 +53,7 @@ def run_fused_modes(parts: Sequence[Part], quick: bool, run: Run, twin: IntArray
     several scenes the problems' layers and levels lie one behind the other; ``twin`` (layer,): of each layer of a scene
     the first that is made of the same."""
     team, begin = ThreadTeam(run.threads, np.zeros(run.threads), run.stop), time.perf_counter()
-    answers = _core.call_together("fused_modes", team, gather_arguments(parts, quick, twin))
+    answers = _core.call_together("fused_modes", team, [gather_arguments(part, quick, twin) for part in parts])
     spent, missed, residual = (
         np.concatenate([answer[name] for answer in answers], axis=axis)
         for name, axis in (("spent", 0), ("missed", 0), ("residual", 1))
@@ -74,30 +71,12 @@ def run_fused_modes(parts: Sequence[Part], quick: bool, run: Run, twin: IntArray
     return found
 
 
-def gather_arguments(parts: Sequence[Part], quick: bool, twin: IntArray) -> list[dict[str, Any]]:
-    """What the core takes for each part."""
-    problem = parts[0].problem
-    shared = {
-        "twin": twin,
-        **problem.phase_arguments,
-        "n_up": problem.n_up,
-        "balanced": not problem.is_exact,
-        "quick": quick,
-        "clear": problem.skip_flags.clear,
-        "clear_layers": problem.clear_layers,
-        "thickness": problem.thickness,
-        "above": problem.above,
-        "level": problem.level,
-        "level_layer": problem.level_layer,
-    }
-    found = []
-    for part in parts:
-        own, base = part.problem, part.base
-        below = {} if base.is_black else {"base": base.matrix, "base_source": base.source, "base_out": base.out}
-        rows = {"orders": part.orders, "slab_stack": part.slab_stack, "base_row": part.base_row}
-        unknowns = {"members": own.members, "flip": own.flip, "columns": own.columns, "conserving": own.conserves}
-        found.append({**shared, **unknowns, **rows, **below, **part.top.arguments_of(part.orders)})
-    return found
+def gather_arguments(part: Part, quick: bool, twin: IntArray) -> dict[str, Any]:
+    """What the core takes for a part."""
+    base = None if part.base.is_black else part.base
+    known = list_known(part.problem, part.orders, quick, base, part.top)
+    known |= {"slab_stack": part.slab_stack, "base_row": part.base_row, "flip": part.problem.flip, "twin": twin}
+    return select_read("fused_modes", known | {"balanced": not part.problem.is_exact})
 
 
 def find_twins(problem: Problem) -> IntArray:
@@ -109,7 +88,7 @@ def find_twins(problem: Problem) -> IntArray:
 def solve_by_modes(
     problem: Problem, orders: IntArray, base: Base, quick: bool, run: Run, top: Top = OPEN
 ) -> tuple[Orders, Array]:
-    """The given orders of one scene, and the light on the nodes that comes up to ``top``, as `Amplitudes` have it: by
+    """The given orders of one scene, and the light on the nodes that comes up to ``top``, (order, n_rhs, n): by
     one call, or by stages, where some of these are no loops of the core or more threads than orders share the layers.
     Raises AccuracyError where an eigenproblem does not converge or a boundary system is singular."""
     if run.kernels is not _core or run.threads > orders.size:
@@ -117,7 +96,9 @@ def solve_by_modes(
     part = Part(problem, orders, np.zeros_like(orders), base, base.row[orders], top)
     (found,) = run_fused_modes([part], quick, run, find_twins(problem))
     if found.missed.any():
-        complain_of_order(orders, found.missed)
+        index = int(np.argmax(found.missed[:, 0] != 0))
+        stage, layer = found.missed[index].tolist()
+        complain_of_order(STAGES[stage], orders, np.array([index, layer][: 1 + (stage == 1)]))
     return make_orders(found), found.rising
 
 
@@ -133,18 +114,8 @@ def solve_by_stages(
     """The same, all orders and layers through one stage before the next."""
     distinct, kinds = merge_materials(problem)
     matrices = assemble(distinct, orders, run)
-    modes = find_modes(distinct, orders, matrices, run, quick)
-    beam = Beam(*np.zeros((2, *modes.lam_re.shape[:2], problem.n_rhs, problem.size)))
-    if not top.sent.size:
-        beam = find_beam_field(distinct, matrices, modes, run)
-    residual = modes.residual
-    if kinds is not None:
-        matrices, modes, beam = copy_to_layers(kinds, matrices, modes, beam)
-    amplitudes = solve_boundary(problem, orders, modes, beam, base, run, top)
-    kernels = reconstruct(problem, orders, matrices, modes, beam, amplitudes, base, run)
-    fluxes = find_nodal_fluxes(problem, orders, modes, beam, amplitudes)
-    worst = residual.max(axis=1), amplitudes.residual.max(axis=1)
-    return Orders(kernels, *fluxes, dict(zip(RESIDUALS, worst, strict=True))), amplitudes.rising
+    known = list_known(problem, orders, quick, base, top) | {"albedo": distinct.albedo} | vars(matrices)
+    return finish_stages(problem, known | {"base_row": base.row[orders]}, run, kinds)
 
 
 def spread_over_scenes(part: Part, orders: IntArray, wanted: BoolArray, found: FusedModes) -> Orders:
@@ -170,12 +141,3 @@ def note_stages(run: Run, wall: float, busy: list[float]) -> None:
         run.record(name, wall * seconds / total, seconds)
     if run.stop[0]:
         raise KeyboardInterrupt
-
-
-def complain_of_order(orders: IntArray, missed: IntArray) -> None:
-    """Raises AccuracyError for the first of the orders (order, 2) that missed a stage: which, and its layer."""
-    index = int(np.argmax(missed[:, 0] != 0))
-    stage, layer = missed[index].tolist()
-    if stage == 1:
-        raise AccuracyError(f"the eigenproblem of order {orders[index]}, layer {layer + 1} did not converge")
-    raise AccuracyError(f"the boundary system of order {orders[index]} is singular")

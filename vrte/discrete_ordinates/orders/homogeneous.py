@@ -1,14 +1,12 @@
 """Section 2.C.1, homogeneous solution: the halved eigenproblem (1:43), with its complex pairs."""
 
-from dataclasses import dataclass
-
-import numpy as np
+from dataclasses import dataclass, fields
 
 from vrte.basics.arrays import Array, IntArray
-from vrte.basics.errors import AccuracyError
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled
 from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.orders.stages import list_known, run_stage
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,21 +24,6 @@ class Modes:
 
 def find_modes(problem: Problem, orders: IntArray, matrices: Assembled, run: Run, quick: bool = False) -> Modes:
     """The modes of every order and layer, ``quick`` where E and F are symmetric. Raises AccuracyError without any."""
-    with run.timed("homogeneous") as crew:
-        found = run.kernels.homogeneous(
-            crew,
-            orders=orders,
-            conserving=problem.conserves,
-            quick=quick,
-            clear=problem.skip_flags.clear,
-            albedo=problem.albedo,
-            nodes=problem.nodes,
-            weights=problem.weights,
-            E=matrices.E,
-            F=matrices.F,
-        )
-    info = found.pop("info")
-    if info.any():
-        order, layer = np.argwhere(info)[0]
-        raise AccuracyError(f"the eigenproblem of order {orders[order]}, layer {layer + 1} did not converge")
-    return Modes(**found)
+    known = list_known(problem, orders, quick) | vars(matrices)
+    run_stage("homogeneous", known, run)
+    return Modes(**{each.name: known[each.name] for each in fields(Modes)})

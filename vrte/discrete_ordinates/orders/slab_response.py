@@ -9,15 +9,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from vrte import _core
 from vrte.basics.arrays import Array, IntArray
-from vrte.basics.errors import AccuracyError
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.doubling import double_slabs
 from vrte.discrete_ordinates.orders.homogeneous import Modes, find_modes
-from vrte.discrete_ordinates.orders.particular import find_beam_field
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble
 from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.orders.stages import list_known, run_stage
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,26 +98,9 @@ def respond_with_modes(
     run: Run,
 ) -> Response:
     """By modes that are known."""
-    beam = find_beam_field(problem, matrices, modes, run)
-    with run.timed("boundary") as crew:
-        found = _core.respond(
-            crew,
-            lam_re=modes.lam_re,
-            lam_im=modes.lam_im,
-            X=modes.X,
-            Y=modes.Y,
-            c=beam.c,
-            zeta=beam.zeta,
-            G_E=matrices.G_E,
-            G_F=matrices.G_F,
-            clear_layers=problem.clear_layers,
-            material=material,
-            thickness=thickness,
-            mu0=problem.mu0,
-            mu_out=problem.mu_out,
-        )
-    if found["info"].any():
-        raise AccuracyError(f"the boundary system of order {orders[np.argwhere(found['info'])[0][1]]} is singular")
+    known = list_known(problem, orders, False) | vars(matrices) | vars(modes)
+    run_stage("particular", known, run)
+    found = run_stage("respond", known | {"material": material, "thickness": thickness}, run)
     residuals = {"residual_of_modes": modes.residual.T[material], "residual_of_boundary": found["residual"]}
     parts = {name: found[name].swapaxes(-1, -2) for name in ("nodes", "entering", "leaving", "passing")}
     return Response(**parts, residuals=residuals)
