@@ -146,7 +146,7 @@ class Appearance:
         return find_kubelka_munk(self._panel("K and S are of"), white, geometry, k1, k2, progress)
 
     def list_readings(self) -> Iterator[InstrumentReading]:
-        """All reflectances, polarizations and colours, a number a row."""
+        """All reflectances, polarizations and colours, with one number in each row."""
         at = self.wavelength_um
         for name, values in self.reflectances.items():
             known = read_geometry(name)

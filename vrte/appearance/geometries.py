@@ -200,7 +200,7 @@ def list_beams(source: Rectangular) -> list[tuple[Array, float]]:
 
 
 def turn_up(direction: Array, angle: float) -> Array:
-    """From the receptor's axes to those of the surface, (..., 3): x along the light's travel, z up."""
+    """Turns directions from the receptor's axes to those of the surface, (..., 3): x along the light's travel, z up."""
     sine, cosine = math.sin(angle), math.cos(angle)
     x, y, z = np.moveaxis(direction, -1, 0)
     return np.stack([cosine * x + sine * z, y, cosine * z - sine * x], -1)
@@ -318,7 +318,7 @@ class Geometry:
 
 
 def find_cosine(degrees: float) -> float:
-    """Of an angle from the normal."""
+    """The cosine of an angle from the normal."""
     return math.cos(math.radians(degrees))
 
 

@@ -252,7 +252,7 @@ def find_wavelengths(scene: Source | Panel, wavelengths_um: Any, folder: str | o
 
 
 def choose_wavelengths(content: dict[str, Any], folder: Path) -> Sequence[float] | Array:
-    """Those that a file lists, or 16 over as much of the visible as its substances are known for."""
+    """Wavelengths [um] that a file lists, or 16 over as much of the visible as its substances are known for."""
     listed = read_listed_wavelengths(content)
     if listed is not None:
         return listed

@@ -98,7 +98,7 @@ def find_group_cores() -> float:
 
 
 def limit_memory(size: float) -> None:
-    """So many bytes more than now, where the system has such a limit; if memory is short, this process goes first."""
+    """Limits memory to so many bytes more than now, where the system can; where memory is short, this process ends."""
     with suppress(OSError):
         Path("/proc/self/oom_score_adj").write_text("1000")
     with suppress(ImportError, OSError, ValueError):
@@ -109,7 +109,7 @@ def limit_memory(size: float) -> None:
 
 
 def limit_time(seconds: float) -> None:
-    """So many seconds of work from now on, where the system has such a limit: it ends also what nobody waits for."""
+    """Limits processor time to so many seconds from now on, where the system can: it also ends abandoned work."""
     with suppress(ImportError, OSError, ValueError):
         reduce_limit("RLIMIT_CPU", int(sum(os.times()[:2]) + seconds) + 1)
 

@@ -53,7 +53,7 @@ def compute_weights(grid: Array, points: Array, degree: int = DEGREE) -> Array:
 
 
 def choose_degree(grid: Array, degree: int) -> int:
-    """Of the polynomials: that degree where there are enough points."""
+    """The degree of the splines: ``degree``, or less where there are too few points."""
     return min(degree, grid.size - 1)
 
 
@@ -109,6 +109,6 @@ def stretch_cosines(mu: Array) -> Array:
 
 
 def make_cosines(count: int) -> Array:
-    """So many cosines (count,), descending, evenly spaced in s of `stretch_cosines`, half a step from both its ends."""
+    """Descending cosines (count,), evenly spaced in s of `stretch_cosines`, half a step from both its ends."""
     middles = (np.arange(count) + 0.5) / count
     return np.cos(0.5 * np.pi * np.sin(0.5 * np.pi * middles))

@@ -84,7 +84,7 @@ def solve_batches(
     run: Run,
     progress: Progress | None = None,
 ) -> dict[int, Brdf]:
-    """Those of all batches, by their places, in this thread and the others of a run."""
+    """The BRDFs of all batches, by their places, in this thread and the others of a run."""
     found: dict[int, Brdf] = {}
 
     def report(done: int) -> None:
@@ -431,7 +431,7 @@ def solve_brdfs(
 
 
 def solve_together(requests: Sequence[Request], run: Run, progress: Progress | None) -> list[Brdf]:
-    """All of them at once, by an engine that takes many."""
+    """The BRDFs of all requests at once, by an engine that takes many."""
     step = itertools.count()
 
     def solve(asked: Sequence[Request]) -> list[Answer]:

@@ -123,7 +123,7 @@ def find_faces(request: Request) -> tuple[IntArray, BoolArray, BoolArray]:
 
 
 def find_lowest_cosine(request: Request) -> float:
-    """Of the beams and of the directions asked for."""
+    """The lowest cosine of the beams and of the wanted directions."""
     seen = [request.mu0] if request.mu is None else [request.mu0, np.abs(request.mu)]
     return float(np.concatenate(seen).min())
 
@@ -224,7 +224,7 @@ def find_light(
     progress: Progress | None = None,
     runtime_warned: bool = False,
 ) -> tuple[Array, Solution, list[Derivative]]:
-    """As `solve_with_derivatives`, in a run of its own; ``runtime_warned``: no second warning of a long solve."""
+    """`solve_with_derivatives` in a run of its own; ``runtime_warned``: no second warning of a long solve."""
     run = make_run(request)
     run.runtime_warned = runtime_warned
     return run_interruptible(run, lambda: solve_with_derivatives(request, variations, run, progress))

@@ -9,7 +9,7 @@ OPTIONS = ("illuminant", "observer", "layer", "accuracy", "nodes")
 
 
 def check(options: argparse.Namespace) -> None:
-    """Where the page goes by default, and whether it can be drawn. Raises MissingExtraError."""
+    """Sets the page's default path, and checks that it can be drawn. Raises MissingExtraError."""
     options.output = options.output or Path(f"{options.scene.stem}.html")
     check_extra("vrte paint", "appearance", ("colour", "matplotlib"))
 

@@ -55,7 +55,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def describe_failures(errors: "xarray.DataArray") -> list[str]:
-    """Where the first scenes without result are, and their errors."""
+    """The coordinates of the first scenes without a result, and their errors."""
     found = []
     for index in np.argwhere(errors.values != "")[:MOST_NAMED]:
         here = errors[tuple(index)]

@@ -127,7 +127,7 @@ def pick_wavelength(own: Array, wanted: float | None) -> int:
 
 
 def read_measured(path: PathName, wavelength_um: float | None, average_mirrored: bool) -> TabulatedBase:
-    """Of a tensor file, at the directions of vrte's own tables. Raises SceneError, OSError."""
+    """The base of a tensor file, at the directions of vrte's own tables. Raises SceneError, OSError."""
     fields = read_tensors(path)
     for name in (*AXES, "wvls", "M"):
         if name not in fields:

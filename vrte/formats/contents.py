@@ -43,7 +43,7 @@ class Described:
 
     @property
     def attributes(self) -> dict[str, str]:
-        """As CF names them."""
+        """Units and name of the array, by their CF attributes."""
         standard = {"standard_name": self.standard_name} if self.standard_name else {}
         return {"units": self.units, "long_name": self.long_name} | standard
 

@@ -292,7 +292,7 @@ def _make_grains(paint: Table, name: str, own: dict[str, Any] | None) -> dict[st
 
 
 def list_places(content: Mapping[str, Any]) -> list[tuple[Place, Place]]:
-    """Where what a paint says stands once it is expanded: places in [paint], with those in particles, layers, base."""
+    """Places in the expanded scene (particles, layers, base) of each place in [paint]."""
     paint = content.get("paint")
     if not isinstance(paint, dict):
         return []

@@ -120,7 +120,7 @@ def read_netcdf(path: PathName, wanted: Collection[str] | None, most_bytes: floa
 
 
 def read_foreign(name: str, wanted: Collection[str] | None, most_bytes: float) -> Stored:
-    """As `read_stored`, in a process of its own, with limits of time and memory."""
+    """Reads as `read_stored` does, in a process of its own, with limits of time and memory."""
     seconds = PATIENCE + os.path.getsize(name) / SLOWEST
     asked = json.dumps([os.path.abspath(name), wanted and [*wanted], most_bytes, seconds])
     command = [sys.executable, "-c", START.format(path=sys.path)]
@@ -175,7 +175,7 @@ def read_stored(name: str, wanted: Collection[str] | None, most_bytes: float) ->
 
 
 def read_classic(name: str, wanted: Collection[str] | None, most_bytes: float) -> Stored:
-    """Of a file of NetCDF before HDF5, which holds all it has; no texts."""
+    """All arrays of a NetCDF file of the classic format, without texts."""
     from scipy.io import netcdf_file
 
     check_size(float(os.path.getsize(name)), most_bytes)

@@ -457,5 +457,5 @@ class SceneFamily:
         return found
 
     def _vary_scene(self, scene: Scene) -> list[Variation]:
-        """Of a scene that is no file's."""
+        """The changes of a scene that is not of a file, one for each number."""
         return [vary_scene(scene, name) for name in self.names]

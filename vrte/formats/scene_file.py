@@ -191,7 +191,7 @@ def list_keys(content: Mapping[str, Any]) -> Iterator[tuple[Place, Key, Any]]:
 
 
 def list_given(place: Place, table: Any, keys: Mapping[str, Key]) -> Iterator[tuple[Place, Key, Any]]:
-    """Those of the keys that a table has, and those of the tables below it."""
+    """The keys that a table has, with those of the tables in it: place, key and value."""
     for name, key in keys.items() if isinstance(table, dict) else ():
         if name in table:
             yield (*place, name), key, table[name]

@@ -115,7 +115,7 @@ def spread_beam(spreading: AnySpreading, albedo: float, path: float, beam: Beam)
 
 
 def compute_flux_down(problem: Problem, tables: Array) -> Array:
-    """Of the light going down, (n_tau, n_in, n_col): order 0, whose degrees are P_l(mu), times mu over a hemisphere."""
+    """Downward fluxes (n_tau, n_in, n_col): order 0, in P_l(mu), times mu integrated over a hemisphere."""
     share = integrate_legendre(tables.shape[2])
     functions = _core.generalized_spherical_functions(0, tables.shape[2], problem.mu0.copy())  # (term, n_in, P -R T)
     of_I = np.einsum("l,til,li->ti", share, tables[..., 0], functions[..., 0])

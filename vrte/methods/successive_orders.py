@@ -89,7 +89,7 @@ class Convergence:
 
     @property
     def diagnostics(self) -> dict[str, Any]:
-        """In words and numbers."""
+        """The number of orders, the light they leave out, and a note where that is too much."""
         converged = self.remainder <= self.settings["tolerance"]
         note = (
             f"method 'successive-orders' has not converged: {self.settings['orders']} orders of scattering leave out "

@@ -102,7 +102,7 @@ class ElementSpline:
     """Elements between the angles of a table from 0 to 180 degrees: a spline of log F11 and those of F_ij/F11."""
 
     def __init__(self, angles: Array, elements: Array) -> None:
-        """Of angles (n,) [degrees] and elements (6, n), F11 above 0."""
+        """The spline through angles (n,) [degrees] and elements (6, n), F11 above 0."""
         from scipy.interpolate import CubicSpline
 
         self.edges = np.radians(angles)

@@ -135,7 +135,7 @@ class Lost:
 
 
 def locate(panel: Panel, depth: Array) -> Array:
-    """Where in a panel, in 1 - sqrt(1 - x): light is lost as a power of the angle to the normal, where x is 1."""
+    """Places in a panel by 1 - sqrt(1 - x): losses are powers of the angle to the normal, where x is 1."""
     found: Array = 1.0 - np.sqrt(np.maximum(1.0 - panel.locate(depth), 0.0))
     return found
 

@@ -52,7 +52,7 @@ def integrate_azimuths(
 
 
 def choose_points(accuracy: float) -> tuple[int, float]:
-    """Of one piece of an integral, and up to which slope over alpha a Gaussian counts."""
+    """The number of points in a piece of an integral, and the slope over alpha beyond which a Gaussian is left out."""
     digits = -math.log10(accuracy)
     return min(max(3 + round(0.75 * digits), 5), 16), math.sqrt(math.log(10.0) * digits + 10.0)
 

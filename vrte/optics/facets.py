@@ -140,16 +140,16 @@ class FacetGeometry:
         return across, vertical**2
 
     def turn(self, mueller: Array) -> Array:
-        """From frames of the plane of incidence to meridian planes."""
+        """Turns Stokes frames from the plane of incidence to meridian planes."""
         return self.rotations[1].swapaxes(-1, -2) @ mueller @ self.rotations[0]
 
     def turn_back(self, mueller: Array) -> Array:
-        """From meridian planes to frames of the plane of incidence: also the transpose of `turn`."""
+        """Turns Stokes frames from meridian planes to the plane of incidence: the transpose of `turn`."""
         return self.rotations[1] @ mueller @ self.rotations[0].swapaxes(-1, -2)
 
     @cached_property
     def rotations(self) -> tuple[Array, Array]:
-        """From the meridian planes of incoming and of outgoing light to the plane of incidence, (..., 4, 4) each: s is
+        """Rotations from the meridian planes of light in and out to the plane of incidence, (..., 4, 4) each: s is
         along k_i x k_o, a and b its parts along l and r of either direction, in sums of equal signs."""
         crossed = self.sine_i * self.mu_o + self.mu_i * self.sine_o
         between = (self.mu_o - self.mu_i) * (self.mu_o + self.mu_i) / np.where(crossed == 0.0, 1.0, crossed)

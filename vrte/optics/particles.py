@@ -355,7 +355,7 @@ def describe_convergence(count: int, change: float, up_to: str = "") -> str:
 
 
 def make_check(make: Callable[..., ParticleKind]) -> Callable[..., Particles]:
-    """All that makes a kind of particle checked, without its work: Rayleigh's particles to go on with."""
+    """A function that checks the arguments of ``make`` and returns Rayleigh's particles as a stand-in."""
     return lambda *given, **named: make(*given, **named).make_stand_in()
 
 

@@ -413,7 +413,7 @@ def henyey_greenstein(g: float, terms: int | None = None) -> PhaseMatrix:
 
 
 def count_henyey_greenstein_terms(g: float) -> int:
-    """So many terms that all those left out add up to less than 1e-12 of the phase function's mean."""
+    """The number of terms beyond which all others add up to less than 1e-12 of the phase function's mean."""
     size = min(abs(g), 1.0 - 1e-6)  # what is nearer to 1 has far too many anyway
     terms = 2
     while size and size**terms * (2 * terms + 1) / (1.0 - size) ** 2 > LEFT_OUT:

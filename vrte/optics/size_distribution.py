@@ -201,7 +201,7 @@ class Held:
     hosts: list[float] = field(default_factory=list)
 
     def quadrature(self, count: int, moment: int = 6) -> tuple[Array, Array]:
-        """That of the distribution."""
+        """Radii and weights of the distribution, of ``count`` radii up to a ``moment``."""
         return self.distribution.quadrature(count, moment)
 
     def find(self, host: float) -> tuple[int, int] | None:

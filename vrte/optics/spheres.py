@@ -108,7 +108,7 @@ class Ball(ParticleKind):
         return find(*map(complex, self.relative_indices), *sizes, count_orders(sizes[-1]))
 
     def find_permittivity(self, radius_um: float) -> complex:
-        """Of the homogeneous sphere that a static field polarizes as much (Bohren and Huffman (1983), (5.36))."""
+        """Permittivity of the homogeneous sphere of equal static polarizability (Bohren and Huffman (1983), (5.36))."""
         core, shell = self.substances[0].value ** 2, self.substances[-1].value ** 2
         if len(self.substances) == 1:
             return shell
@@ -315,7 +315,7 @@ class SphereNumbers:
 
     @classmethod
     def of(cls, ball: Ball, count: int, moment: int) -> "SphereNumbers":
-        """Of a ball, averaged over ``count`` radii up to a ``moment``."""
+        """The numbers of a ball, averaged over ``count`` radii up to a ``moment``."""
         radii, weights = ball.read_quadrature(count, moment)
         return cls(ball.list_arguments(radii), radii, weights, np.array(ball.wavenumber))
 

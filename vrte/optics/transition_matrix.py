@@ -162,7 +162,7 @@ OPPOSITE = np.array([[1.0, -1.0], [-1.0, 1.0]])  # a mirror turns over the ampli
 
 
 def turn_around(amplitudes: Complex) -> Complex:
-    """Of theta, theta' and phi, from those of theta', theta and phi: light that goes back, mirrored at the equator."""
+    """Amplitudes of theta, theta', phi from those of theta', theta, phi: reversed light, mirrored at the equator."""
     return amplitudes.swapaxes(-1, -2) * OPPOSITE
 
 

@@ -126,7 +126,7 @@ def name_brdf(brdf: Brdf) -> str:
 
 
 def choose_range(values: Array, quantity: str) -> tuple[float, float]:
-    """From where to where an axis or a colour scale goes: 0 to 180 for angles, as far below 0 as above where a quantity
+    """The ends of an axis or a colour scale: 0 to 180 for angles, as far below 0 as above where a quantity
     may be negative, else from 0.
 
     >>> choose_range(np.array([-1.0, 0.5, np.nan]), "f01"), choose_range(np.array([0.2, 0.5]), "f00")
@@ -139,7 +139,7 @@ def choose_range(values: Array, quantity: str) -> tuple[float, float]:
 
 
 def label_quantity(quantity: str) -> str:
-    """With its unit.
+    """The name of a quantity with its unit.
 
     >>> label_quantity("f00"), label_quantity("reflectance factor")
     ('f00 [sr⁻¹]', 'reflectance factor')

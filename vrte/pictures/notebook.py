@@ -200,7 +200,7 @@ def shorten_numbers(values: Array) -> str:
 
 
 def describe_directions(result: Brdf | Spectrum) -> dict[str, str]:
-    """Those that a BRDF, or BRDFs, are for."""
+    """The directions of a BRDF or of a spectrum."""
     axes = {"μ incident": result.mu_i, "μ out": result.mu_o, "φ [°]": result.phi}
     return {name: shorten_numbers(values) for name, values in axes.items()}
 

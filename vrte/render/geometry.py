@@ -180,7 +180,7 @@ def join_rings(rings: Array, around: bool) -> Body:
 
 
 def _make_turn(count: int) -> Array:
-    """So many equal steps of one turn [rad]."""
+    """``count`` equal steps of one turn [rad]."""
     return np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
 
 

@@ -56,7 +56,7 @@ class View:
 
     @cached_property
     def pixels(self) -> tuple[Any, Array, Array]:
-        """Of the pixels that the sphere touches: place in the flat picture, angle from the line of sight, and psi."""
+        """The pixels that the sphere touches: place in the flat picture, angle from the line of sight, and psi."""
         across = np.arange(self.size) + 0.5 - 0.5 * self.size
         x, y = across[None, :] + 0.0 * across[:, None], -across[:, None] + 0.0 * across
         distance = np.hypot(x, y).ravel()
@@ -173,7 +173,7 @@ class Samples:
     sun: Any
 
     def choose(self, which: Any) -> "Samples":
-        """Those samples alone that an index or a mask names."""
+        """The samples that an index or a mask names."""
         return Samples(*(getattr(self, field.name)[which] for field in fields(self)))
 
     @property
@@ -211,7 +211,7 @@ class Stage:
         return normalize(-self.beam + np.stack([distance * np.cos(turn), distance * np.sin(turn)], axis=1) @ [x, y])
 
     def look(self, pixel: Any, across: Any, down: Any) -> tuple[Array, Array]:
-        """Where rays begin, near the objects, and along which unit vectors (n, 3), at these places of pixels."""
+        """Origins of rays, near the objects, and their unit vectors (n, 3), at these places of pixels."""
         heading = self.lens.look(pixel % self.lens.width + across, pixel // self.lens.width + down)
         near = max(self.lens.distance - 50.0, 0.0)  # a far camera's rays would begin too far away for single precision
         return self.lens.place + near * heading, heading

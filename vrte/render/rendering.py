@@ -253,7 +253,7 @@ class Rendering:
 
     @property
     def rgba(self) -> Array:
-        """In colour, (height, width, 4) from 0 to 1, transparent around a sphere."""
+        """The picture in colour, (height, width, 4) from 0 to 1, transparent around a sphere."""
         return np.concatenate([self.film(np.nan_to_num(self.xyz)), self.cover[..., None]], axis=-1)
 
 

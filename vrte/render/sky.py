@@ -62,8 +62,8 @@ class Sky:
 
 
 def compute_optical_thickness(wavelength_um: Any) -> Array:
-    """Of the molecules above sea level, 1013.25 hPa, 45 degrees latitude: Bodhaine, Wood, Dutton and Slusser, Journal
-    of Atmospheric and Oceanic Technology 16, 1854 (1999), equation 30, good to 0.01 % from 0.25 to 0.85 um."""
+    """Optical thickness of the molecules above sea level, 1013.25 hPa, 45 degrees latitude, to 0.01 % from 0.25 to
+    0.85 um: Bodhaine, Wood, Dutton and Slusser, J. Atmos. Oceanic Technol. 16, 1854 (1999), equation 30."""
     square = np.asarray(wavelength_um, dtype=float) ** 2
     return (
         0.0021520

@@ -76,7 +76,7 @@ class Points:
         return cls(np.zeros_like(normal), normal, toward, upright)
 
     def choose(self, which: Any) -> "Points":
-        """Those points alone that an index or a mask names."""
+        """The points that an index or a mask names."""
         return Points(self.position[which], self.normal[which], self.toward[which], self.upright[which])
 
     @cached_property

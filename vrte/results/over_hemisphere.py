@@ -86,7 +86,7 @@ def _list_polar_angles(brdf: Brdf, step_deg: float) -> Array:
 
 
 def _count_steps(length: float, most: float) -> int:
-    """So many steps of at most ``most``, whatever the rounding."""
+    """The number of steps of at most ``most``, whatever the rounding."""
     most = check_number("step_deg", most, 0.01, 360.0, "from 0.01 to 360 degrees")
     return max(1, int(np.ceil(length / most - 1e-9)))
 

@@ -122,6 +122,6 @@ def is_fraction_needed(particles: Particles, packing: str) -> bool:
 
 
 def _check_extent(name: str, value: Any, allowed: str) -> float:
-    """From 0 to LARGEST_THICKNESS, or infinite."""
+    """Raises SceneError unless a thickness is from 0 to LARGEST_THICKNESS, or infinite."""
     extent = check_number(name, value, 0.0, math.inf, allowed)
     return extent if math.isinf(extent) else check_number(name, value, 0.0, LARGEST_THICKNESS, allowed)

@@ -193,7 +193,7 @@ def find_layer(scene: Scene, name: str, number: int) -> int:
 
 
 def vary_layer(scene: Scene, name: str, index: int, key: str) -> Variation:
-    """With the optical thickness or the albedo of a layer."""
+    """The change with the optical thickness or the albedo of a layer."""
     layer, unit = scene.layers[index], np.eye(len(scene.layers))[index]
     if key == "thickness" and math.isinf(layer.thickness):
         raise complain_of(name, "a semi-infinite layer has no thickness to change")
@@ -205,7 +205,7 @@ def vary_layer(scene: Scene, name: str, index: int, key: str) -> Variation:
 
 
 def vary_coefficient(scene: Scene, name: str, index: int, degree: int, column: str) -> Variation:
-    """With an expansion coefficient of a layer's phase matrix."""
+    """The change with an expansion coefficient of a layer's phase matrix."""
     layer = scene.layers[index]
     if degree < LEAST_DEGREE[column]:
         why = "a1[0] is 1 and cannot change" if column == "a1" else f"what stands below l = 2 of {column} does nothing"
@@ -235,7 +235,7 @@ def vary_beside_layers(
 
 
 def vary_base_number(scene: Scene, name: str, key: str, part: str | None) -> Variation:
-    """With a number of the base: in closed form of a Lambertian one, else by differences of what it reflects."""
+    """The change with a number of the base: in closed form if Lambertian, else by differences of its reflection."""
     base = scene.base
     if base is None:
         raise complain_of(name, "the scene has no base: it is black below")
@@ -319,7 +319,7 @@ def vary_medium(scene: Scene, name: str, place: int) -> Variation:
 
 
 def vary_roughness(scene: Scene, name: str, index: int) -> Variation:
-    """With the roughness of an interface. Raises SceneError for a smooth one: the smallest roughness is far from 0."""
+    """The change with an interface's roughness. Raises SceneError for a smooth one: roughness begins far from 0."""
     surface = scene.interfaces[index]
     assert surface is not None
     if surface.is_smooth:

@@ -170,7 +170,7 @@ def make_processor_solver(threads: Callable[[], int] = lambda: 1, stop: Any = No
 
 
 def solve_alike_questions(questions: Sequence[Question], stop: Any) -> dict[int, Outcome]:
-    """Those of a chunk that batches solve, by index; a batch with an error is left to single solves."""
+    """Results of a chunk's scenes that batches solve, by index; a batch with an error is left to single solves."""
     groups: dict[int, list[tuple[int, Request]]] = {}
     for index, each in enumerate(questions):
         if isinstance(each, Request):  # those that differ in their scenes alone share their directions

@@ -132,7 +132,7 @@ def create_table(path: Path, sweep: Sweep, grid: Grid, results: Results) -> None
 
 
 def describe_table(sweep: Sweep, box: tuple[int, ...]) -> dict[str, Any]:
-    """Of the whole table: what sweep it is, the chunks' box, and a checksum over all."""
+    """Attributes of the whole table: its sweep, the box of a chunk, and a checksum over all."""
     from vrte import __version__
 
     attributes: dict[str, Any] = {

@@ -121,7 +121,7 @@ class Sweep:
         return found
 
     def fingerprint(self) -> str:
-        """Of all that decides about the numbers: template, axes, tables of coefficients, and the version of vrte."""
+        """A checksum of all that sets the results: template, axes, tables of coefficients, and the version of vrte."""
         from vrte import __version__
 
         content = json.dumps([__version__, self.described(), self.tables()], sort_keys=True, default=str)
@@ -195,7 +195,7 @@ def read_values(table: Table) -> Array:
 
 
 def check(sweep: Sweep) -> None:
-    """All checks before anything is computed."""
+    """Checks a sweep before anything is computed. Raises SceneError."""
     check_dimensions(sweep)
     for axis in sweep.axes:
         if sweep.kind == TABLE and axis.places == ("wavelength_um",):
@@ -250,7 +250,7 @@ def check_values(sweep: Sweep, axis: SweepAxis) -> None:
 
 
 def list_roughnesses(sweep: Sweep, with_base: bool = True) -> set[float]:
-    """Of all surfaces that refract or mirror in its scenes, with the base or not: 0 is smooth."""
+    """Roughnesses of all refracting or mirroring surfaces of its scenes, with the base or not: 0 is smooth."""
     layers, base = sweep.template["layer"], sweep.template.get("base", {})
     surfaces: dict[Place, Any] = {("layer", k, "interface"): one for k, one in enumerate(layers)}
     tables = {place: one["interface"] for place, one in surfaces.items() if "interface" in one}

@@ -78,7 +78,7 @@ def set_base(content: Content, kind: str) -> None:
 
 
 def keep_values(table: Content, known: Mapping[str, Key], keys: Mapping[str, Key]) -> Content:
-    """Those values of a table that mean the same among other keys."""
+    """The values of a table whose keys mean the same in another table."""
     return {name: table[name] for name, key in keys.items() if name in table and known.get(name) == key}
 
 
@@ -188,7 +188,7 @@ def remove_kind(content: Content, name: str) -> None:
 
 
 def rename_kind(content: Content, old: str, new: str) -> None:
-    """In the layers, too. Raises SceneError for an empty or a long name, or one that another kind has."""
+    """Renames a kind of particle, in the layers too. Raises SceneError for an empty, long or taken name."""
     new = new.strip()
     if new == old:
         return
@@ -331,7 +331,7 @@ def set_rough(table: Content, surface: str) -> None:
 
 
 def remove_layer(content: Content, place: int) -> None:
-    """All but the last one that is left."""
+    """Removes a layer, but never the last one."""
     if len(content["layer"]) > 1:
         del content["layer"][place]
 

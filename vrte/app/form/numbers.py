@@ -59,7 +59,7 @@ class FormNumber:
 
 
 def list_free_numbers(content: Content) -> list[FormNumber]:
-    """Those that a fit may change, of layers, particles, media and base, in this order."""
+    """The numbers that a fit may change, of layers, particles, media and base, in this order."""
     return [
         FormNumber(place, name_number(content, place), value, *suggest_limits(place, value))
         for part in PARTS
@@ -141,7 +141,7 @@ def put_values(content: Content, values: Mapping[Place, float]) -> Content:
 
 
 def list_sliders(content: Content) -> list[FormNumber]:
-    """Those of the layers that hold particles and have a geometrical thickness, and of these particles' sizes."""
+    """Sliders of the layers of particles with a geometrical thickness, and of these particles' sizes."""
     filled = [place for place, _ in list_filled(content)]
     ends: dict[Place, tuple[float, float]] = {}  # 0: around what it is
     sizes: dict[Place, tuple[float, float]] = {}

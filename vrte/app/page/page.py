@@ -246,7 +246,7 @@ class Page:
             notify("; ".join(notes), timeout=LONG_ENOUGH)
 
     def begin(self, content: Content) -> None:
-        """With a scene of the gallery, solved at once."""
+        """Fills the form with a scene of the gallery and solves it."""
         self.fill(content)
         self.session.start()
         self.follow()
@@ -260,7 +260,7 @@ class Page:
             self.results.draw()
 
     def keep_camera(self, event: Any) -> None:
-        """From where the lobe is seen, turned by keys: the next lobe is seen from there, too."""
+        """Keeps the camera of the lobe, so that the next lobe is seen from the same side."""
         given = event.args if isinstance(event.args, dict) else {}
         sides = {name: given.get(name) for name in ("eye", "center", "up")}
         if all(isinstance(side, dict) and all(is_number(side.get(axis)) for axis in "xyz") for side in sides.values()):

@@ -173,7 +173,7 @@ def describe_measured(measured: Measurement) -> Iterator[tuple[str, ...]]:
 
 
 def write_range(column: Array, unit: str) -> str:
-    """From where to where a column goes, and how many values it has."""
+    """The range of a column and its number of values, as text."""
     values = np.unique(column[np.isfinite(column)].round(DIGITS))
     space = "" if unit == "°" else " "
     if values.size == 0:

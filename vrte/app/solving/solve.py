@@ -159,7 +159,7 @@ def collect_reflectances(
     others: Sequence[Any] = (),
     names: Sequence[str] = ("as in the file",),
 ) -> Reflectances | None:
-    """Those of ``brdfs``, one a wavelength, and ``others`` over another base, with ``names``; None without any."""
+    """Reflectances of ``brdfs`` by wavelength, and of ``others`` over other bases, with ``names``; or None."""
     if not brdfs:
         return None
     found = (brdfs, others) if len(others) == len(brdfs) else (brdfs,)

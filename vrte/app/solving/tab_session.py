@@ -76,7 +76,7 @@ class Uploads:
             self._remove, self.own = None, {}
 
     def _make_room(self, size: int, named: Collection[str]) -> None:
-        """Those that no field names any more go where there is no room for another. Raises SceneError."""
+        """Removes files that no field names any more where there is no room for another. Raises SceneError."""
         unnamed = [name for name in self.own if name not in named]
         while len(self.own) >= MOST_TABLES or sum(self.own.values()) + size > LARGEST_UPLOADS:
             if not unnamed:

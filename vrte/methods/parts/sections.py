@@ -115,7 +115,7 @@ class Section:
 
     @cached_property
     def depths(self) -> Array:
-        """Of the Gauss points below its top, (panel, POINTS)."""
+        """Depths of the Gauss points below the section's top, (panel, POINTS)."""
         return self.top[:, None] + self.size[:, None] * find_gauss_depths(POINTS)
 
     @cached_property
