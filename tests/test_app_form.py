@@ -92,7 +92,7 @@ WRONG: list[tuple[tuple[Any, ...], str, str]] = [
     (("layer", 0, "thickness"), "-1", "thickness must be an optical thickness >= 0"),
     (("layer", 0, "interface", "above"), "", "is missing"),
     (("layer", 0, "interface", "below"), "gold", "light goes through media with k"),
-    (("layer", 0, "interface", "roughness"), "0.001", "roughness must be"),
+    (("layer", 0, "interface", "roughness"), "0.0005", "roughness must be"),
     (("base", "kind"), "shiny", 'must be "black" or "lambertian"'),
     (("brdf", "mu_i"), "0", "mu_i must satisfy 1e-8 <= mu <= 1"),
     (("brdf", "mu_o"), "0.1:1:1e999", "must be a whole number from 1"),

@@ -272,7 +272,7 @@ SCENES: list[Row] = [
     (partial(vrte.cox_munk, 5.0, index=0.0), r"base: index must be n or n \+ ik"),
     (partial(facets, 1.5, 0.0), "base: roughness must be above 0: vrte.Mirror"),
     (partial(facets, 1.5, 2.0), "base: roughness must be 0 .smooth. or from"),
-    (partial(facets, 1.5, 0.001), "base: roughness must be 0 .smooth. or from"),
+    (partial(facets, 1.5, 0.0005), "base: roughness must be 0 .smooth. or from"),
     (partial(facets, 1.5, 0.1, "gauss"), "Facets: distribution must be 'beckmann' or 'ggx'"),
     (partial(facets, 1.5, 0.1, "beckmann", False, True), "conserving gives back what facets hide from each other, and"),
     (partial(facets, 0.0, 0.1), "base: index must be n or n"),

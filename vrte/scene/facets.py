@@ -30,7 +30,7 @@ class Facets(Boundary):
     index : complex, float or (n, k)
         Its refractive index n + ik, k >= 0; light that gets in is lost.
     roughness : float
-        alpha, the root mean square slope of facets times sqrt(2), 0.01 to 1.5; for a smooth base there is Mirror.
+        alpha, the root mean square slope of facets times sqrt(2), 0.001 to 1.5; for a smooth base there is Mirror.
     distribution, shadowing
         As of `vrte.Interface`: of the facets' slopes, and whether facets hide each other.
     conserving : bool, optional

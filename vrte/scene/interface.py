@@ -12,7 +12,7 @@ from vrte.optics.fresnel import reflect_smooth, transmit_smooth
 Distribution = Literal["beckmann", "ggx"]
 LOWEST_INDEX, HIGHEST_INDEX = 0.1, 10.0
 INDEX_ALLOWED = f"a real refractive index from {LOWEST_INDEX:g} to {HIGHEST_INDEX:g}"
-LEAST_ROUGHNESS, MOST_ROUGHNESS = ROUGHNESS = 0.01, 1.5  # alpha: below, facets are as good as a smooth interface
+LEAST_ROUGHNESS, MOST_ROUGHNESS = ROUGHNESS = 0.001, 1.5  # alpha: below, facets are as good as a smooth interface
 ROUGHNESS_ALLOWED = f"0 (smooth) or from {LEAST_ROUGHNESS:g} to {MOST_ROUGHNESS:g}"
 
 
@@ -27,7 +27,7 @@ class Interface:
     index_below : float
         Real refractive index of the medium below, 0.1 to 10.
     roughness : float, optional
-        alpha, the root mean square slope of facets times sqrt(2): 0 is smooth, else 0.01 to 1.5.
+        alpha, the root mean square slope of facets times sqrt(2): 0 is smooth, else 0.001 to 1.5.
     distribution : {"beckmann", "ggx"}, optional
         Of the facets' slopes: Gaussian (a sea: alpha^2 = 0.003 + 0.00512 wind [m/s]), or with GGX's long tails.
     shadowing : bool, optional

@@ -20,6 +20,7 @@ from vrte.basics.differences import SEVEN_POINTS, sample_around
 from vrte.basics.errors import SceneError
 from vrte.optics.phase_matrix import MOST_TERMS, SEQUENCES, PhaseMatrix
 from vrte.scene.boundary import BLACK, CHECKED_COSINES, Boundary, Lambertian, WeightedBase
+from vrte.scene.interface import ROUGHNESS_ALLOWED
 from vrte.scene.layer import Layer
 from vrte.scene.scene import Scene, build_like
 
@@ -323,7 +324,8 @@ def vary_roughness(scene: Scene, name: str, index: int) -> Variation:
     surface = scene.interfaces[index]
     assert surface is not None
     if surface.is_smooth:
-        raise complain_of(name, "a smooth interface has no derivative with its roughness, which is 0 or 0.01 and more")
+        words = "a smooth interface has no derivative with its roughness"
+        raise complain_of(name, f"{words}, which is {ROUGHNESS_ALLOWED}")
 
     def scene_at(roughness: float) -> Scene:
         rougher = replace(surface, roughness=roughness)

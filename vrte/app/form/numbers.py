@@ -12,12 +12,13 @@ from vrte.app.form.fields import find_field, get_value
 from vrte.basics.errors import Place, SceneError
 from vrte.formats.keys import Substance, Whole
 from vrte.formats.toml_table import read_fraction, show_place
+from vrte.scene.interface import ROUGHNESS
 
 PARTS = ("layer", "particles", "host_index", "base")  # of a scene; all else is about how it is seen
 LEFT_OUT = ("accuracy", "effective_radius_um", "humidity_percent", "tolerance")  # of a table or its expansion
 SHARES = ("albedo", "particles", "rayleigh", "core_ratio")
 DENSEST = 0.6  # of the volume, that particles may take
-LIMITS = {"henyey_greenstein": (-0.98, 0.98), "roughness": (0.01, 1.5), "sigma": (1.02, 3.0)}
+LIMITS = {"henyey_greenstein": (-0.98, 0.98), "roughness": ROUGHNESS, "sigma": (1.02, 3.0)}
 TIMES = {"index": 1.5, "host_index": 1.5, "above": 1.5, "below": 1.5, "thickness": 10.0, "thickness_um": 10.0}
 SIZES = 4.0  # so many times smaller or larger any other number may get
 LEAST_ABSORPTION = 0.1  # up to which k may go, however small it is

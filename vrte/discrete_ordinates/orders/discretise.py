@@ -128,13 +128,17 @@ def place_levels(tau: Array, scenes: Sequence[Scene]) -> tuple[Array, IntArray]:
 def count_surface_orders(scene: Scene, nodes: int) -> int:
     """Fourier orders in which light goes to and fro between surfaces without meeting a particle, one of them rough or a
     base that scatters unevenly: as many as lobes of that width have, or as nodes carry; 0 where none does."""
-    rough = [interface for interface in scene.interfaces if interface is not None and not interface.is_smooth]
     surfaces = sum(interface is not None for interface in scene.interfaces)
     uneven = scene.below.orders_reflected > 1
-    if surfaces + (scene.below.keeps_beams or uneven) < 2 or not (rough or uneven):
+    if surfaces + (scene.below.keeps_beams or uneven) < 2:
         return 0
-    by_lobes = [math.ceil(LOBE / find_lobe_width(interface)) for interface in rough]
-    return min(max([count_terms_carried(scene, nodes) * uneven, *by_lobes]), MOST_SURFACE_ORDERS)
+    return min(max(count_terms_carried(scene, nodes) * uneven, count_lobe_orders(scene)), MOST_SURFACE_ORDERS)
+
+
+def count_lobe_orders(scene: Scene) -> int:
+    """Fourier orders of the narrowest lobe that a rough interface makes of a beam; 0 without one."""
+    rough = [interface for interface in scene.interfaces if interface is not None and not interface.is_smooth]
+    return max([math.ceil(LOBE / find_lobe_width(interface)) for interface in rough], default=0)
 
 
 def find_lobe_width(interface: Interface) -> float:

@@ -11,7 +11,13 @@ from vrte.basics.arrays import Array, BoolArray, replace_unchecked
 from vrte.basics.quadrature import make_double_gauss
 from vrte.basics.running import Run
 from vrte.basics.views import view
-from vrte.discrete_ordinates.orders.discretise import discretise_scenes, sort_up_first
+from vrte.discrete_ordinates.orders.discretise import (
+    MOST_SURFACE_ORDERS,
+    count_lobe_orders,
+    count_surface_orders,
+    discretise_scenes,
+    sort_up_first,
+)
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.skip_flags import EVERYTHING, SkipFlags
 from vrte.discrete_ordinates.orders.truncating import (
@@ -204,10 +210,15 @@ class Plan:
     @property
     def notes(self) -> tuple[str, ...]:
         """What cannot be promised of the accuracy, a sentence each."""
-        if self.request.scene.is_rough and self.request.accuracy < FINEST_OF_FACETS:
-            rough = f"light of rough interfaces is right to {FINEST_OF_FACETS:g} of the largest I, no finer accuracy"
-            return (*self.choice.notes, rough)
-        return self.choice.notes
+        scene, notes = self.request.scene, list(self.choice.notes)
+        if scene.is_rough and self.request.accuracy < FINEST_OF_FACETS:
+            notes.append(
+                f"light of rough interfaces is right to {FINEST_OF_FACETS:g} of the largest I, no finer accuracy"
+            )
+        if 0 < count_surface_orders(scene, self.problem.nodes.size) < (orders := count_lobe_orders(scene)):
+            words = f"lobes of facets as smooth as these have {orders} Fourier orders between surfaces"
+            notes.append(f"{words}, of which {MOST_SURFACE_ORDERS} are solved for")
+        return tuple(notes)
 
     @property
     def base_couples_orders(self) -> bool:
