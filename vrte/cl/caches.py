@@ -86,7 +86,9 @@ def _prepare(kept: Path) -> Path:
 
 
 def _hash_sources() -> str:
-    texts = sorted(file.read_bytes() for file in files("vrte.cl").iterdir() if file.name.endswith(".cl"))
+    folders = (files("vrte").joinpath(folder) for folder in ("cl", "core", "core/kernels"))
+    paths = (file for folder in folders for file in folder.iterdir() if file.name.endswith((".cl", ".h")))
+    texts = sorted(file.read_bytes() for file in paths)
     return hashlib.sha256(b"".join(texts)).hexdigest()[:16]
 
 
