@@ -27,7 +27,7 @@ BEGIN = """
 import sys
 import numpy as np
 from vrte.cl import device, session
-session.SOURCES = ("probe",)
+session.SOURCES = ("cl/probe.cl",)
 
 def compute(opened):
     values = opened.upload(np.array([3.0, 1.0]))

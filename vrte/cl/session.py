@@ -15,21 +15,16 @@ from vrte.basics.arrays import Array
 from vrte.basics.errors import DeviceError
 from vrte.cl.building import Kernels, build_kernels
 
-SHARED = "complexes", "paths", "wigner", "series", "steps"  # mathematics of core/kernels/, behind the first source
+SHARED = "complexes", "paths", "wigner", "series", "steps"  # mathematics of core/kernels/, and then the kernels
+KERNELS = "products", "inverse", "extended", "doubling", "assembly", "invariance", "joining", "sums"
+IN_DOUBLES = "cl/scattering.cl", "cl/reconstruction.cl"  # left out of a program in single precision
 SOURCES = (
-    "common",
-    "products",
-    "inverse",
-    "extended",
-    "doubling",
-    "assembly",
-    "invariance",
-    "joining",
-    "sums",
-    "scattering",
-    "reconstruction",
+    "core/constants.h",
+    "cl/common.cl",
+    *(f"core/kernels/{name}.h" for name in SHARED),
+    *(f"cl/{name}.cl" for name in KERNELS),
+    *IN_DOUBLES,
 )
-IN_DOUBLES = {"scattering", "reconstruction"}  # left out of a program in single precision
 SMALL, MOST_CONSTANTS = 1 << 14, 4096  # bytes of an array that is kept; how many of them
 OPTIONS = ("-cl-std=CL1.2", "-cl-mad-enable")
 REALS = {"double": np.dtype(np.float64), "single": np.dtype(np.float32)}  # what kernels compute with, by precision
@@ -255,11 +250,8 @@ def flatten_arguments(arguments: Iterable[Any]) -> list[Any]:
 
 
 def read_sources(precision: str = "double") -> str:
-    """Numbers and mathematics that they share with the core, and all kernels of a precision, one file behind the
-    other."""
-    left_out = IN_DOUBLES if precision == "single" else set()
-    common, *kernels = (f"cl/{name}.cl" for name in SOURCES if name not in left_out)
-    names = ["core/constants.h", common, *(f"core/kernels/{name}.h" for name in SHARED), *kernels]
+    """What kernels share with the core, and all kernels of a precision, one file behind the other."""
+    names = (name for name in SOURCES if precision == "double" or name not in IN_DOUBLES)
     return "\n".join(files("vrte").joinpath(name).read_text(encoding="utf-8") for name in names)
 
 
