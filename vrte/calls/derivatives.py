@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from vrte.basics import cost
-from vrte.basics.arrays import Array, BoolArray, IntArray, check_list
+from vrte.basics.arrays import Array, BoolArray, IntArray, check_list, put_in_one_line
 from vrte.basics.differences import FARTHEST, STEP, sample_around
 from vrte.basics.errors import AccuracyError, SceneError
 from vrte.basics.memory import check_bytes
@@ -54,6 +54,9 @@ def differentiate_beams(
     """The derivatives of light that meets no particle, arrays that ``find`` has of a request of another scene."""
     here = find(request)  # what does not change then cancels to the last digit
     total = {name: np.zeros_like(values) for name, values in here.items()}
+    mirrors = any(boundary.keeps_beams for weight, boundary in variation.base if weight)
+    if not (variation.thickness.any() or variation.is_outside or mirrors):
+        return total
     for weight, scene in sample_scenes(request, variation, beams=True):
         for name, values in find(place_request(request, scene)).items():
             total[name] += weight * (values - here[name])
@@ -187,9 +190,9 @@ def read_derivatives(scene: Scene, derivatives: Derivatives) -> list[Variation]:
     names = [one.name for one in found]
     for one in found:
         if names.count(one.name) > 1:
-            raise SceneError(f"derivatives: {one.name} is asked for twice", "derivatives", one.name)
+            raise SceneError(f"derivatives: {put_in_one_line(one.name)} is asked for twice", "derivatives", one.name)
         if words := find_fault(scene, one):
-            raise SceneError(f"derivatives: {one.name}: {words}", "derivatives", one.name)
+            raise SceneError(f"derivatives: {put_in_one_line(one.name)}: {words}", "derivatives", one.name)
     return found
 
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from vrte.basics.arrays import Array, freeze_copy, show_value
+from vrte.basics.arrays import Array, freeze_copy, put_in_one_line, show_value
 from vrte.basics.differences import SEVEN_POINTS, sample_around
 from vrte.basics.errors import SceneError
 from vrte.optics.phase_matrix import MOST_TERMS, SEQUENCES, PhaseMatrix
@@ -180,7 +180,7 @@ def vary_scene(scene: Scene, name: str) -> Variation:
 
 def complain_of(name: str, why: str) -> SceneError:
     """The error of a name of derivatives."""
-    return SceneError(f"derivatives: {name}: {why}", "derivatives", name)
+    return SceneError(f"derivatives: {put_in_one_line(name)}: {why}", "derivatives", put_in_one_line(name))
 
 
 def find_layer(scene: Scene, name: str, number: int) -> int:

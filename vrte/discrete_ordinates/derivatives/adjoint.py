@@ -310,27 +310,28 @@ def pull_once(beam_paths: BeamPaths, phi: Array, weights: Array, single: list[Ar
         for side, end in np.ndindex(2, 2):
             way, power = int(end != side), (beam_paths.falling, beam_paths.mirrored)[side][k]
             sent = escapes[:, :, 2 * k + end] if way else escapes[:, :, 2 * k + end] * FLIP
-            for i in np.flatnonzero(power.any(axis=(1, 2)) & sent.any()).tolist():
-                lit = paths[way][index, i][:, None, None, None]
-                seen = lit * (sent.swapaxes(1, 2)[:, None] @ (weights[i] @ power[i].T))  # (n_out, n_phi, 4, 4)
-                signed = (-mu_out if way else mu_out)[index]
-                single[layer] += pull_matrix(float(mu_in[i]), signed, phi, seen, single[layer].shape[0])
+            lit = np.flatnonzero(power.any(axis=(1, 2)) & sent.any())
+            if lit.size:
+                seen = sent.swapaxes(1, 2)[:, None] @ (weights[lit] @ power[lit, None, None].swapaxes(-1, -2))
+                seen *= paths[way][index][:, lit].T[:, :, None, None, None]  # (n_in, n_out, n_phi, 4, 4)
+                single[layer] += pull_matrix(mu_in[lit], mu_out[index], phi, seen, not way, single[layer].shape[0])
 
 
-def pull_matrix(mu0: float, mu: Array, phi: Array, weights: Array, terms: int) -> Array:
-    """Derivatives with coefficients (terms, 6) from those with the phase matrix for light going down ``mu0`` and then
-    along signed cosines mu (n_mu,), at azimuths phi (n_phi,) [degrees]: weights (n_mu, n_phi, 4, 4)."""
-    across = np.sqrt((1.0 - mu0) * (1.0 + mu0) * (1.0 - mu) * (1.0 + mu))[:, None] * np.cos(np.radians(phi))
-    cosine = np.clip(across - mu0 * mu[:, None], -1.0, 1.0).ravel()
-    up, down = (FacetGeometry(mu0, np.abs(mu)[:, None], phi, upward).turn_back(weights) for upward in (True, False))
-    w = np.where((mu > 0.0)[:, None, None, None], up, down).reshape(-1, 4, 4)
+def pull_matrix(mu_in: Array, mu_out: Array, phi: Array, weights: Array, upward: bool, terms: int) -> Array:
+    """Derivatives with coefficients (terms, 6) from those with the phase matrix for light going down mu_in (n_in,) and
+    then up or down mu_out (n_out,), at azimuths phi (n_phi,) [degrees]: weights (n_in, n_out, n_phi, 4, 4)."""
+    geometry = FacetGeometry(mu_in[:, None, None], mu_out[:, None], phi, upward)
+    across = geometry.sine_i * geometry.sine_o * np.cos(np.radians(phi))
+    straight = geometry.mu_i * geometry.mu_o
+    cosine = np.clip(across + (-straight if upward else straight), -1.0, 1.0).ravel()
+    w = geometry.turn_back(weights).reshape(-1, 4, 4)
     found = np.zeros((terms, 6))
     step = max(1, int(PIECE_BYTES / (6 * BYTES * terms)))
     for first in range(0, cosine.size, step):
         some = slice(first, first + step)
         f, x = w[some].transpose(1, 2, 0), cosine[some]
-        p, _, _ = np.moveaxis(_core.generalized_spherical_functions(0, terms, x), 2, 0)
-        q, r, t = np.moveaxis(_core.generalized_spherical_functions(2, terms, x), 2, 0)
+        p = _core.spherical_functions(0, x, terms)[:, 0]
+        q, r, t = _core.spherical_functions(2, x, terms).transpose(1, 0, 2)
         found[:, 0] += p @ f[0, 0]
         found[:, 1] += r @ f[1, 1] + t @ f[2, 2]
         found[:, 2] += t @ f[1, 1] + r @ f[2, 2]

@@ -122,9 +122,7 @@ def stretch_pieces(cut: Cut, pieces: Array) -> Cut:
     return replace(cut, thickness=finite + 1j * STEP * pieces)
 
 
-def change_escapes(
-    beam_paths: BeamPaths, change: Change, sources: Array, members: list[int] | None = None
-) -> Array | None:
+def change_escapes(beam_paths: BeamPaths, change: Change, sources: Array) -> Array | None:
     """Derivatives of what is seen of light that sets out along the sights, as `find_escapes` has it."""
     if not change.pieces.any():
         return None
@@ -133,7 +131,7 @@ def change_escapes(
         stretch_pieces(beam_paths.cut, change.pieces),
         beam_paths.sights,
         beam_paths.problem.n_up,
-        list(ALL) if members is None else members,
+        list(ALL),
         sources,
     )
     return np.asarray(found.imag / STEP)

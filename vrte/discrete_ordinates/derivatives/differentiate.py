@@ -11,7 +11,7 @@ from vrte.basics.arrays import Array, IntArray
 from vrte.basics.errors import SceneError
 from vrte.basics.quadrature import make_refracted_nodes
 from vrte.basics.running import Progress, Run
-from vrte.discrete_ordinates.derivatives.changes import Change, change_layer, find_change
+from vrte.discrete_ordinates.derivatives.changes import Change, change_escapes, change_layer, find_change
 from vrte.discrete_ordinates.derivatives.once import list_changed_vertices
 from vrte.discrete_ordinates.derivatives.semi_infinite import change_semi_infinite
 from vrte.discrete_ordinates.derivatives.slab_stack import ChangedOrders, Differentiating
@@ -21,7 +21,7 @@ from vrte.discrete_ordinates.execution.sums import Light, Share, Target, make_pa
 from vrte.discrete_ordinates.execution.through_interfaces import Vertex, show_vertices
 from vrte.discrete_ordinates.orders.beam_paths import BeamPaths
 from vrte.discrete_ordinates.orders.invariance import find_allowed_residuals
-from vrte.discrete_ordinates.orders.media import Media, Sights
+from vrte.discrete_ordinates.orders.media import LEAVING, Media, Sights
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.skip_flags import EVERYTHING
 from vrte.discrete_ordinates.orders.truncating import count_terms_carried
@@ -247,7 +247,7 @@ class Routes:
         self.plan, self.variations = plan, variations
         self.problem, self.carried = put_in_media(plan), find_carried(plan)
         self.media: dict[tuple[int, bool, int], Media] = {}
-        self.known: dict[Media, list[Change]] = {}
+        self.known: dict[Media, list[tuple[Change, Array | None]]] = {}
 
     def make(self, block: Block, last: int) -> Differentiating:
         """The way through a block, up to an order."""
@@ -260,7 +260,9 @@ class Routes:
         assert own.media is not None
         if own.media not in self.known:
             beam_paths = BeamPaths(own, BLACK, 1, 1.0)
-            self.known[own.media] = [find_change(beam_paths, one, self.carried) for one in self.variations]
+            sources = np.array([*beam_paths.sources, (beam_paths.cut.interface.size - 1, LEAVING)])
+            changes = [find_change(beam_paths, one, self.carried) for one in self.variations]
+            self.known[own.media] = [(one, change_escapes(beam_paths, one, sources)) for one in changes]
         return Differentiating(own, block.base, last + 1, self.plan.accuracy, self.known[own.media])
 
 

@@ -11,7 +11,7 @@ from vrte.basics.arrays import Array, IntArray
 from vrte.basics.errors import AccuracyError
 from vrte.basics.memory import count_orders_at_once
 from vrte.basics.running import Run
-from vrte.discrete_ordinates.derivatives.changes import Change, change_escapes
+from vrte.discrete_ordinates.derivatives.changes import Change
 from vrte.discrete_ordinates.derivatives.slab import DIM, Blocks, Faces, SlabModes, find_depth_change, group_by_gaps
 from vrte.discrete_ordinates.orders.base import Base
 from vrte.discrete_ordinates.orders.beam_paths import expand_lossless_base
@@ -56,13 +56,20 @@ class Differentiating(Refracting):
     """The way through a stack, transparent or refracting, for its derivatives."""
 
     def __init__(
-        self, problem: Problem, base: Boundary, n_order: int, accuracy: float, changes: Sequence[Change] = ()
+        self,
+        problem: Problem,
+        base: Boundary,
+        n_order: int,
+        accuracy: float,
+        changes: Sequence[tuple[Change, Array | None]] = (),
     ) -> None:
         super().__init__(self.refuse, problem, base, n_order, accuracy)
-        self.changes, self.quick = changes, problem.skip_flags.symmetric
-        self.changed_bases = [self.change_base(change, n_order, accuracy) for change in changes]
-        sources, members = np.array(self.sources), list(problem.stokes)
-        self.changed_escapes = [change_escapes(self, change, sources, members) for change in changes]
+        self.changes, self.quick = [change for change, _ in changes], problem.skip_flags.symmetric
+        self.changed_bases = [self.change_base(change, n_order, accuracy) for change in self.changes]
+        members, sources = list(problem.stokes), len(self.sources)
+        self.changed_escapes = [
+            None if escapes is None else escapes[:, :, members, :sources][..., members] for _, escapes in changes
+        ]
         self.weighing = self.weigh_sources(self.escapes)
         self.pieces = list(self.list_pieces())
 
