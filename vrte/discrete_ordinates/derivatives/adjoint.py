@@ -266,8 +266,8 @@ def pull_orders(fields: Fields, weights: Array, multiple: list[Array], run: Run)
             continue
         one, table = route.each[piece.medium].problem, multiple[piece.layer]
         r, o = len(one.stokes) * one.mu0.size, one.rows_out
-        for some, modes in fields.modes_of(piece):
-            pulled = modes.pull(modes.list_terms(*fields.faces_of(piece, some)), given[some], r, o)
+        for some, modes, terms in fields.modes_of(piece):
+            pulled = modes.pull(terms, given[some], r, o)
             E, F = (join_blocks(each, r, o) for each in pulled)
             with run.timed("derivatives") as crew:
                 found = _core.pull_scattering(

@@ -258,6 +258,7 @@ class SlabModes:
             (dE, self.Y_inverse, self.X_right, self.y_out, rate_out, 1.0),
             (dF, self.X_inverse, self.Y_right, self.x_out, 1.0, 1.0 / rate),
         ):
+            inverse, right, leads = inverse[: len(d.N)], right[: len(d.N)], leads[: len(d.N)]
             nodes = d.N @ right
             nodes[..., n:] += d.NI[..., into] * scale
             own = inverse @ nodes
@@ -281,10 +282,11 @@ class SlabModes:
         return found[0], found[1]
 
     def change(self, terms: list[Term], dE: Blocks, dF: Blocks) -> Array:
-        """What weighs the light that a change sends out, (order, r_weights, r)."""
+        """What weighs the light that a change of the first orders sends out, (order, r_weights, r)."""
+        count = len(dE.N)
         e, p = self.expand(dE, dF)
-        between = {name: one * e + other * p for name, (one, other) in self.tables.items()}
-        parts = [term.left.swapaxes(1, 2) @ (between[term.name] @ term.right) for term in terms]
+        between = {name: one[:count] * e + other[:count] * p for name, (one, other) in self.tables.items()}
+        parts = [term.left[:count].swapaxes(1, 2) @ (between[term.name] @ term.right[:count]) for term in terms]
         return np.asarray(sum(parts)).real
 
     def pull(self, terms: list[Term], weights: Array, r: int, o: int) -> tuple[Blocks, Blocks]:

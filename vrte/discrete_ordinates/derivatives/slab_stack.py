@@ -12,7 +12,15 @@ from vrte.basics.errors import AccuracyError
 from vrte.basics.memory import count_orders_at_once
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.derivatives.changes import Change
-from vrte.discrete_ordinates.derivatives.slab import DIM, Blocks, Faces, SlabModes, find_depth_change, group_by_gaps
+from vrte.discrete_ordinates.derivatives.slab import (
+    DIM,
+    Blocks,
+    Faces,
+    SlabModes,
+    Term,
+    find_depth_change,
+    group_by_gaps,
+)
 from vrte.discrete_ordinates.orders.base import Base
 from vrte.discrete_ordinates.orders.beam_paths import expand_lossless_base
 from vrte.discrete_ordinates.orders.homogeneous import Modes, find_modes
@@ -258,6 +266,7 @@ class Fields:
         self.has_flux = route.problem.conserves and orders[0] == 0
         self.weights, self.extra = self.weigh_light(run)
         self.known: dict[tuple[int, int], list[tuple[IntArray, SlabModes]]] = {}
+        self.terms: dict[int, list[tuple[IntArray, SlabModes, list[Term]]]] = {}
         self.sent: Array | None = None
 
     def weigh_light(self, run: Run) -> tuple[Array, int]:
@@ -326,15 +335,19 @@ class Fields:
         )
         return R, T
 
-    def modes_of(self, piece: Piece) -> list[tuple[IntArray, SlabModes]]:
-        """A piece's slab by its modes, found once: places of orders, and what these have."""
+    def modes_of(self, piece: Piece) -> list[tuple[IntArray, SlabModes, list[Term]]]:
+        """A piece by its slab's modes, found once: places of orders, what these have, and the parts of a derivative."""
         which = piece.medium, piece.slab
         if which not in self.known:
             one, modes = self.route.each[piece.medium].problem, self.modes[piece.medium]
             lam = modes.lam_re[:, piece.material] + 1j * modes.lam_im[:, piece.material]
             groups = group_by_gaps(lam if lam.imag.any() else lam.real, np.concatenate([one.mu0, one.mu_out]))
             self.known[which] = [(some, self.make_modes(piece, some)) for some in groups]
-        return self.known[which]
+        if piece.place not in self.terms:
+            self.terms[piece.place] = [
+                (some, modes, modes.list_terms(*self.faces_of(piece, some))) for some, modes in self.known[which]
+            ]
+        return self.terms[piece.place]
 
     def make_modes(self, piece: Piece, some: IntArray) -> SlabModes:
         """A piece's slab by its modes in some orders."""
@@ -351,8 +364,10 @@ class Fields:
             for field in (self.light, self.weights)
             for at, way in ((k, ENTERING), (k + 1, LEAVING))
         ]
-        sights = [np.pad(part, ((0, 0), (0, self.extra))) for part in piece.sights]
-        return Faces(nodes[0], nodes[1], *piece.beams), Faces(nodes[2], nodes[3], *sights)
+        sights = piece.sights
+        if self.extra:
+            sights = (np.pad(sights[0], ((0, 0), (0, self.extra))), np.pad(sights[1], ((0, 0), (0, self.extra))))
+        return Faces(nodes[0], nodes[1], *piece.beams), Faces(nodes[2], nodes[3], sights[0], sights[1])
 
     def change(self, change: Change, number: int, turned: dict[int, tuple[Blocks, Blocks]]) -> Array:
         """The derivative of all that is seen, and of fluxes, (order, r_weights, r)."""
@@ -361,13 +376,11 @@ class Fields:
         for piece in route.pieces:
             if piece.layer in turned:
                 dE, dF = turned[piece.layer]
-                for some, modes in self.modes_of(piece):
-                    some = some[some < len(dE.N)]
-                    if some.size:
-                        if some.size < len(modes.lam):
-                            modes = self.make_modes(piece, some)
-                        own = [Blocks(*(part[some] for part in vars(each).values())) for each in (dE, dF)]
-                        found[some] += modes.change(modes.list_terms(*self.faces_of(piece, some)), own[0], own[1])
+                for some, modes, terms in self.modes_of(piece):
+                    count = np.count_nonzero(some < len(dE.N))
+                    own = [Blocks(*(part[some[:count]] for part in vars(each).values())) for each in (dE, dF)]
+                    if count:
+                        found[some[:count]] += modes.change(terms, own[0], own[1])
             deeper = float(change.pieces[piece.place])
             if deeper:
                 found += deeper * self.find_depth_change(piece)
