@@ -19,7 +19,7 @@ FINE_MU, FINE_PHI = np.linspace(0.05, 1.0, 20), np.linspace(0.0, 180.0, 37)
 HOW: dict[str, Any] = {"threads": 1, "accuracy": 1e-6}
 NODES = 24  # of a hemisphere, under a rough surface
 STEP = 1e-5  # of central differences
-SURFACE, THREE, ALL = 1.8, 3.0, 4.0  # times the plain solve that were asked for
+SURFACE, THREE, ALL = 1.8, 3.5, 5.0  # times the plain solve that were asked for
 
 PILE = [vrte.Layer(vrte.rayleigh(), 0.99, 0.5), vrte.Layer(vrte.henyey_greenstein(0.7, 32), 0.95, 4.0)]
 # by name: the scene, the layer whose thickness, albedo and one coefficient are varied, nodes

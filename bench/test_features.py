@@ -7,7 +7,7 @@ import pytest
 
 from .features import DIFFERENTIATED, SURFACE, list_derivative_calls, list_surface_calls
 
-HELD_OF_THREE, HELD_OF_FORTY = 15.0, 25.0
+HELD_OF_THREE, HELD_OF_FORTY = 9.0, 12.0
 Measure = Callable[..., float]
 
 
@@ -27,6 +27,6 @@ def test_surface_of_a_paint(benchmark: Any, against_floor: Measure) -> None:
 @pytest.mark.parametrize("name", DIFFERENTIATED)
 def test_derivatives(name: str, code: str, held: float, against_floor: Measure) -> None:
     """Thickness, albedo and one coefficient, or all coefficients by vjp; `python -m bench.peers` has central
-    differences, too. Asked for is 3 and 4, measured is more (docs/explanation/derivatives.md)."""
+    differences, too. Asked for is 3.5 and 5, measured is more (docs/explanation/derivatives.md)."""
     calls = list_derivative_calls(name)
     assert against_floor(calls[code][0], calls["vrte"][0]) <= held

@@ -8,9 +8,8 @@ import numpy as np
 from vrte import _core
 from vrte.basics.arrays import Array
 
-NEAR = 0.1  # points closer than this fraction of the larger one: f[a, b] is an integral of f'
+NEAR = 0.1  # points closer than this fraction of the larger one: f[a, b] by the addition theorem of tanh
 THIN = 0.5  # h^2 lambda below which f[a, b] is summed as a series
-POINTS, WEIGHTS = (part / 2.0 for part in np.polynomial.legendre.leggauss(7))
 
 
 def list_tanh_series(terms: int) -> list[float]:
@@ -96,13 +95,13 @@ class Decay:
                 power = power * u
                 term = v * term + power
             found[thin] = self.half**3 * total
-        if near.any():
-            centre, difference = 0.5 * (x[near] + y[near]), x[near] - y[near]
-            found[near] = WEIGHTS @ self.find_slope(centre + POINTS[:, None] * difference)
+        if near.any():  # tanh(h p) - tanh(h q) = tanh(h (p - q)) (1 - tanh(h p) tanh(h q))
+            p, q = np.sqrt(x[near]), np.sqrt(y[near])
+            one, other, difference = np.tanh(self.half * p), np.tanh(self.half * q), p - q
+            slope = np.where(
+                difference == 0.0,
+                self.half,
+                np.tanh(self.half * difference) / np.where(difference == 0.0, 1.0, difference),
+            )
+            found[near] = (q * (1.0 - one * other) * slope - other) / (p * q * (p + q))
         return found
-
-    def find_slope(self, lam: Array) -> Array:
-        """f' away from 0."""
-        root = np.sqrt(lam)
-        e = np.exp(-2.0 * self.half * root)
-        return (4.0 * self.half * e / (1.0 + e) ** 2 - (1.0 - e) / (1.0 + e) / root) / (2.0 * lam)

@@ -249,33 +249,31 @@ class SlabModes:
         own = c_out * odd[:, n:]
         return self.weigh_even(c * odd[:, :n] - self.x_out.swapaxes(1, 2) @ own, own)
 
+    def list_bases(self, count: int) -> list[tuple[Array, ...]]:
+        """Of E, then of F, in the first orders: inverse eigenvectors, eigenvectors with what leads in, what leads out,
+        and the scales of rows out and of columns in."""
+        one = np.ones(1)
+        return [
+            (self.Y_inverse[:count], self.X_right[:count], self.y_out[:count], self.out.rate[:, None], one),
+            (self.X_inverse[:count], self.Y_right[:count], self.x_out[:count], one, 1.0 / self.into.rate),
+        ]
+
     def expand(self, dE: Blocks, dF: Blocks) -> tuple[Array, Array]:
-        """e and p of a change, (order, n + k_out, n + k_in)."""
-        n, into, out = self.lam.shape[1], self.into.of, self.out.of
-        rate, rate_out = self.into.rate, self.out.rate[:, None]
+        """e and p of a change of the first orders, (order, n + k_out, n + k_in)."""
         found = []
-        for d, inverse, right, leads, factor, scale in (
-            (dE, self.Y_inverse, self.X_right, self.y_out, rate_out, 1.0),
-            (dF, self.X_inverse, self.Y_right, self.x_out, 1.0, 1.0 / rate),
-        ):
-            inverse, right, leads = inverse[: len(d.N)], right[: len(d.N)], leads[: len(d.N)]
+        for d, (inverse, right, leads, factor, scale) in zip((dE, dF), self.list_bases(len(dE.N)), strict=True):
             nodes = d.N @ right
-            nodes[..., n:] += d.NI[..., into] * scale
+            nodes[..., self.lam.shape[1] :] += d.NI[..., self.into.of] * scale
             own = inverse @ nodes
-            found.append(np.concatenate([own, factor * ((d.ON @ right)[:, out] - leads @ own)], axis=1))
+            found.append(np.concatenate([own, factor * ((d.ON @ right)[:, self.out.of] - leads @ own)], axis=1))
         return found[0], found[1]
 
     def pull_expanded(self, e: Array, p: Array, r: int, o: int) -> tuple[Blocks, Blocks]:
         """The transpose of `expand`."""
-        n, rate, rate_out = self.lam.shape[1], self.into.rate, self.out.rate[:, None]
-        found = []
-        for of, inverse, right, leads, factor, scale in (
-            (e, self.Y_inverse, self.X_right, self.y_out, rate_out, 1.0),
-            (p, self.X_inverse, self.Y_right, self.x_out, 1.0, 1.0 / rate),
-        ):
-            row = factor * of[:, n:]
+        n, found = self.lam.shape[1], []
+        for of, (inverse, right, leads, factor, scale) in zip((e, p), self.list_bases(len(e)), strict=True):
+            row, turned = factor * of[:, n:], right.swapaxes(1, 2)
             own = inverse.swapaxes(1, 2) @ (of[:, :n] - leads.swapaxes(1, 2) @ row)
-            turned = right.swapaxes(1, 2)
             aside = (own[..., n:] * scale).swapaxes(1, 2)
             parts = own @ turned, self.into.gather(aside, r).swapaxes(1, 2), self.out.gather(row, o) @ turned
             found.append(Blocks(*(part.real for part in parts)))
