@@ -97,12 +97,20 @@ ctypedef int (*Kernel)(const void* task, int item, Workspace desk) noexcept nogi
 ctypedef Job (*Plan)(Arrays* t) noexcept nogil
 
 
-cdef void run_items(crew, Kernel stage, const void* task, int n_item, size_t doubles, size_t integers, ints info):
-    """All items of a task, each with its own `doubles` and `integers`; verdicts go to info (item,) unless NULL, seconds
-    to the crew's. Begins no item once the crew's flag is set. The memory of each thread begins with a cache line, since
-    BLAS on some processors adds up in another order what begins elsewhere in it."""
-    cdef int item, thread, verdict, threads = crew.threads
-    cdef size_t room = (doubles + LINE - 1) // LINE * LINE
+cdef struct Calls:
+    # calls of one stage, and the first item of each
+    Kernel kernel
+    int count
+    Arrays* of
+    ints first
+
+
+cdef void run_items(crew, const Calls* calls, Job job):
+    """All items of some calls, each with its own `doubles` and `integers`; verdicts go to info, seconds to the crew's.
+    Begins no item once the crew's flag is set. The memory of each thread begins with a cache line, since BLAS on some
+    processors adds up in another order what begins elsewhere in it."""
+    cdef int item, thread, n_item = <int>job.items, threads = crew.threads
+    cdef size_t room = (job.doubles + LINE - 1) // LINE * LINE, integers = job.integers
     memory, numbers = np.empty(threads * room + LINE), np.empty(threads * integers + 1, np.int32)
     cdef double* seconds = <double*>data_of(crew.seconds, "the crew", "seconds", REAL, True)
     cdef const int* stop = <const int*>data_of(crew.stop, "the crew", "stop", WHOLE, False)
@@ -114,10 +122,17 @@ cdef void run_items(crew, Kernel stage, const void* task, int n_item, size_t dou
         thread = threadid()
         if not stop[0]:
             start = vrte_seconds()
-            verdict = stage(task, item, Workspace(work + thread * room, pivots + thread * integers, stop))
-            if info != NULL:
-                info[item] = verdict
+            run_item(calls, item, Workspace(work + thread * room, pivots + thread * integers, stop))
             seconds[thread] += vrte_seconds() - start
+
+
+cdef void run_item(const Calls* calls, int item, Workspace desk) noexcept nogil:
+    cdef int k = calls.count - 1, verdict
+    while calls.first[k] > item:
+        k -= 1
+    verdict = calls.kernel(&calls.of[k], item - calls.first[k], desk)
+    if calls.of[k].info != NULL:
+        calls.of[k].info[item - calls.first[k]] = verdict
 
 
 cdef void* data_of(object values, object owner, str name, int form, bint written) except? NULL:
@@ -136,22 +151,6 @@ cdef void* data_of(object values, object owner, str name, int form, bint written
 
 
 TYPES = "float64", "int32", "complex128", "float64"     # of the forms
-
-
-cdef struct Several:
-    # calls of one stage, and the first item of each
-    Kernel kernel
-    int count
-    Arrays* of
-    ints first
-
-
-cdef int one_of_several(const void* task, int item, Workspace desk) noexcept nogil:
-    cdef const Several* t = <const Several*>task
-    cdef int k = t.count - 1
-    while t.first[k] > item:
-        k -= 1
-    return t.kernel(&t.of[k], item - t.first[k], desk)
 
 
 cdef inline int type_of(int form) noexcept:
@@ -195,18 +194,12 @@ cdef class Stage:
         return Signature(found)
 
     def __call__(self, *places, **given):
-        cdef Arrays t
         if self.alone:
             given.update(zip(self.names, places))
             places = (ALONE,)
         if len(places) != 1:
             raise TypeError(f"{self.__name__} takes a crew, and its arrays by name")
-        found = self.read(given, &t)
-        cdef Job job = self.plan(&t)
-        if t.wrong != NULL:
-            raise ValueError(f"{self}: {t.wrong.decode()}")
-        run_items(places[0], self.kernel, &t, <int>job.items, job.doubles, job.integers, t.info)
-        return result_of(found)
+        return call_together(self, places[0], [given])[0]
 
     def allocate(self, given):
         """What the stage writes and is not given, allocated, by name."""
@@ -348,10 +341,9 @@ cdef int solve_equations(int* sizes) noexcept nogil:
 
 
 def call_together(stage, crew, calls):
-    """What a stage without `info`, by name, returns for several calls, each its arrays by name: one crew shares all
-    items."""
-    cdef Stage one = globals()[stage]
-    cdef Several all_of
+    """What a stage, or one by name, returns for several calls, each its arrays by name: one crew shares all items."""
+    cdef Stage one = stage if isinstance(stage, Stage) else globals()[stage]
+    cdef Calls all_of
     cdef Job job, most = Job(0, 0, 0)
     cdef int k
     memory = np.empty(len(calls) * (sizeof(Arrays) + sizeof(int)) + sizeof(Arrays), np.uint8)
@@ -361,10 +353,12 @@ def call_together(stage, crew, calls):
     for k, given in enumerate(calls):
         found.append(one.read(given, &all_of.of[k]))
         job = one.plan(&all_of.of[k])
+        if all_of.of[k].wrong != NULL:
+            raise ValueError(f"{one}: {all_of.of[k].wrong.decode()}")
         all_of.first[k] = <int>most.items
         most.items += job.items
         most.doubles, most.integers = max(most.doubles, job.doubles), max(most.integers, job.integers)
-    run_items(crew, one_of_several, &all_of, <int>most.items, most.doubles, most.integers, NULL)
+    run_items(crew, &all_of, most)
     return [result_of(each) for each in found]
 
 
