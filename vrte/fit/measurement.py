@@ -9,7 +9,7 @@ import numpy as np
 
 from vrte.appearance.colours import check_light
 from vrte.appearance.geometries import read_geometry
-from vrte.basics.arrays import Array, check_list, check_numbers, make_readonly, show_value
+from vrte.basics.arrays import Array, check_list, check_numbers, make_readonly, put_in_one_line, show_value
 from vrte.basics.errors import SceneError
 from vrte.fit.quantities import LOOK, QUANTITIES, MeasuredQuantity
 from vrte.formats.columns import write_table
@@ -205,7 +205,7 @@ class Measurement:
     def save(self, path: str | os.PathLike[str], comment: str = "") -> None:
         """Writes the rows as CSV, below the lines of a ``comment``; `vrte.read_measurement` brings them back."""
         if os.path.splitext(os.fspath(path))[1].lower() != ".csv":
-            raise SceneError(f"the measurement {os.fspath(path)} must end in .csv")
+            raise SceneError(f"the measurement {put_in_one_line(os.fspath(path))} must end in .csv")
         names = ("quantity", *COORDINATES, "value", "sigma")
         kept = {name: getattr(self, name).tolist() for name in names}
         is_empty = {name: all(one == "" or one != one for one in column) for name, column in kept.items()}

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from vrte.basics.arrays import Array, make_readonly
+from vrte.basics.arrays import Array, make_readonly, put_in_one_line
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress
 from vrte.basics.views import Figure, view
@@ -167,7 +167,7 @@ class Fit:
         from vrte.fit.files import save_fit
 
         if not os.fspath(path).lower().endswith(".json"):
-            raise SceneError(f"the fit {os.fspath(path)} must end in .json")
+            raise SceneError(f"the fit {put_in_one_line(os.fspath(path))} must end in .json")
         save_fit(self, path)
 
     @staticmethod
@@ -189,7 +189,7 @@ class Fit:
     def write_scene(self, path: str | os.PathLike[str]) -> None:
         """Writes the scene file (.toml) with ``values`` in it, otherwise as it was but for comments."""
         if not os.fspath(path).lower().endswith(".toml"):
-            raise SceneError(f"the scene file {os.fspath(path)} must end in .toml")
+            raise SceneError(f"the scene file {put_in_one_line(os.fspath(path))} must end in .toml")
         text = write_toml(self.content())
         write_text(text, path)
 

@@ -17,7 +17,7 @@ from typing import Annotated, Any, cast
 
 import numpy as np
 
-from vrte.basics.arrays import Array, check_list, check_numbers, freeze_copy
+from vrte.basics.arrays import Array, check_list, check_numbers, freeze_copy, put_in_one_line
 from vrte.basics.differences import find_slopes
 from vrte.basics.errors import SceneError
 from vrte.formats.bases import BASES, read_base_table
@@ -64,7 +64,7 @@ class ChangingFile:
         content = expand_paint(content)
         for name, index in zip(names, self.places, strict=True):
             if index[0] in REQUESTS:
-                raise SceneError(f"{name} is of what is asked for, not of the scene")
+                raise SceneError(f"{put_in_one_line(name)} is of what is asked for, not of the scene")
             try:
                 find_number(content, index, name)
             except SceneError:
@@ -370,7 +370,7 @@ class SceneFamily:
         names = (self.names,) if isinstance(self.names, str) else tuple(check_list("names", self.names, MOST_NAMES))
         for name in names:
             if names.count(name) > 1:
-                raise SceneError.of("names", f"{name} comes twice")
+                raise SceneError.of("names", f"{put_in_one_line(name)} comes twice")
         file, folder = None, Path(self.folder or "")
         if isinstance(self.source, Mapping):
             file = ChangingFile(convert_to_plain_content(self.source), names, folder.absolute())

@@ -311,7 +311,7 @@ def find_number(content: Mapping[str, Any], places: Place, key: str, default: fl
         missing = default is not None and isinstance(parent, dict)
         there = parent.get(places[-1], default) if missing else parent[places[-1]]
     except (LookupError, TypeError):
-        raise SceneError(f"the scene has no {key}") from None
+        raise SceneError(f"the scene has no {put_in_one_line(key)}") from None
     if not is_number(there):
         raise SceneError(f"{key} is {show_toml(there)}, and only a number can be changed")
     return float(there)
