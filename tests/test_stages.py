@@ -104,6 +104,19 @@ def test_a_surface_that_cannot_be_joined_is_named() -> None:
         [*map(reflect, inverses)]
 
 
+@pytest.mark.parametrize("n_col", [1, 4, 6])
+def test_light_scattered_once_is_seen_by_products(n_col: int) -> None:
+    """Escapes times scattering times power, summed over sources, of which one is dark and one is not seen."""
+    draw = np.random.default_rng(n_col).standard_normal
+    scattered, power, escapes = draw((2, 3, 5, 4, 4, 4)), draw((4, 3, 4, n_col)), draw((6, 4, 4, 4))
+    power[1], escapes[:, :, 2] = 0.0, 0.0
+    scatterer_of, sight_of = np.array([0, 1, 1, 0], np.int32), np.array([4, 0, 0, 3, 1, 2], np.int32)
+    found = _core.see_scattered(scattered, power, escapes, scatterer_of, sight_of)
+    light = scattered[scatterer_of][:, :, sight_of]
+    expected = np.einsum("oksa,siofab,sibc->iofkc", escapes, light, power)
+    assert_close(found, expected, rtol=1e-13, atol=1e-13 * np.abs(expected).max())
+
+
 def make_graded(n: int) -> Array:
     """What L^T E L of an order is like: the square of 1/mu on the diagonal, less what is scattered between nodes."""
     mu, weights = make_double_gauss(n)

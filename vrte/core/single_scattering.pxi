@@ -176,3 +176,51 @@ cdef int add_single_scattering_one(const void* task, int item, Workspace desk) n
                 to[target[k]] += now[k] * z[<size_t>k * n_angle + angle[f]]
             to += 4 * n_place
     return 0
+
+
+cdef Job see_scattered_job(Arrays* t) noexcept nogil:
+    return Job(<size_t>t.n_in * t.n_seen, 0, 0)
+
+
+cdef int see_scattered_one(const void* task, int item, Workspace desk) noexcept nogil:
+    """All azimuths of one pair of directions, four columns at a time."""
+    cdef const Arrays* t = <const Arrays*>task
+    cdef int i = item // t.n_seen, at = item % t.n_seen, n_col = t.n_col, source, f, a, b, c, column, width
+    cdef size_t first
+    cdef double power[16]
+    cdef double escape[16]
+    cdef double light[16]
+    cdef double found[16]
+    cdef given one
+    cdef doubles seen
+    for column in range(0, n_col, 4):
+        width = min(4, n_col - column)
+        for source in range(t.n_source):
+            set_zero(16, power)
+            for a in range(4):
+                for b in range(4):
+                    escape[4 * a + b] = t.escapes[((<size_t>at * 4 + a) * t.n_source + source) * 4 + b]
+                for c in range(width):
+                    power[4 * a + c] = t.power[((<size_t>source * t.n_in + i) * 4 + a) * n_col + column + c]
+            if largest_of(16, power) == 0.0 or largest_of(16, escape) == 0.0:
+                continue
+            first = (<size_t>t.scatterer_of[source] * t.n_in + i) * t.n_sight + t.sight_of[at]
+            for f in range(t.n_phi):
+                one = t.scattered + (first * t.n_phi + f) * 16
+                four_by_four(one, power, light)
+                four_by_four(escape, light, found)
+                seen = t.seen + (<size_t>item * t.n_phi + f) * 4 * n_col + column
+                for a in range(4):
+                    for c in range(width):
+                        seen[a * n_col + c] += found[4 * a + c]
+    return 0
+
+
+cdef inline void four_by_four(given a, given b, doubles c) noexcept nogil:
+    """c = a b, rows first; c is neither of them."""
+    cdef int i, k
+    cdef double a0, a1, a2, a3
+    for i in range(4):
+        a0, a1, a2, a3 = a[4 * i], a[4 * i + 1], a[4 * i + 2], a[4 * i + 3]
+        for k in range(4):
+            c[4 * i + k] = a0 * b[k] + a1 * b[4 + k] + a2 * b[8 + k] + a3 * b[12 + k]

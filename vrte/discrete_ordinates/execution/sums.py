@@ -358,16 +358,16 @@ def prepare_vertices(target: Target, run: Run) -> Adder:
     """What adds light scattered or reflected once, seen through interfaces."""
     wanted, n_up = target.wanted, target.problem.n_up
     sights, vertices = list_vertices(target.problem, target.scene.below, target.azimuths, run)
+    scaled = [replace(each, power=each.power * wanted.scale[:, None, None]) for each in vertices]
 
     def add(share: Share) -> None:
         part, (first, last) = share.part, (share.first, share.last)
-        scale = wanted.scale[first:last, None, None, None, None]
         apart = wanted.place.size == part.values.shape[-1] and bool((np.diff(wanted.place) == 1).all())
-        for t, light in show_vertices(sights, vertices, n_up, part.levels, part.rows, first, last):
+        for t, light in show_vertices(sights, scaled, n_up, part.levels, part.rows, first, last):
             if apart:  # each column has its own place, in order
-                part.values[t, first:last] += scale * light
+                part.values[t, first:last] += light
                 continue
             for column, at in enumerate(wanted.place.tolist()):
-                part.values[t, first:last, ..., at] += scale[..., 0] * light[..., column]
+                part.values[t, first:last, ..., at] += light[..., column]
 
     return add

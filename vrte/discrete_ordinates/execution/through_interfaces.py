@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vrte import _core
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.memory import BYTES, PIECE_BYTES
 from vrte.basics.polarization import FLIP
@@ -150,7 +151,9 @@ def make_scatterer(
                 out=found,
                 slab_stacks=pieces.size,
             )
-        return found if way else FLIP[:, None] * found
+        if not way:
+            found *= FLIP[:, None]
+        return found
 
     return scatter
 
@@ -197,18 +200,12 @@ def show_vertices(
     """What is seen at each level from the incident directions first .. last - 1: (n_in, n_row, n_phi, 4, n_col)."""
     flip = np.where((rows < n_up)[:, None], FLIP, 1.0)[:, :, None, None]
     for vertex in vertices:
-        scattered = vertex.scatter(first, last)
-        flat = scattered.reshape(*scattered.shape[:2], -1, 4)
-        flat = flat if vertex.of.size == len(flat) else flat[vertex.of]
-        light = flat @ vertex.power[:, first:last]  # few large products, not many of 4 x 4
-        light = light.reshape(len(flat), *scattered.shape[1:5], -1)
+        scattered = np.ascontiguousarray(vertex.scatter(first, last))
+        power = np.ascontiguousarray(vertex.power[:, first:last])
         for t, level in enumerate(levels.tolist()):
-            escape = flip * vertex.escapes[level, rows] * sights.index[level] ** 2
-            if escape.any():
-                seen = light[:, :, sights.place[level, rows]].transpose(2, 0, 4, 1, 3, 5)
-                shape = rows.size, 4, *seen.shape[3:]
-                seen = escape.reshape(rows.size, 4, -1) @ seen.reshape(rows.size, 4 * len(flat), -1)
-                yield t, seen.reshape(shape).transpose(2, 0, 3, 1, 4)
+            escapes = np.ascontiguousarray(flip * vertex.escapes[level, rows] * sights.index[level] ** 2)
+            if escapes.any():
+                yield t, _core.see_scattered(scattered, power, escapes, vertex.of, sights.place[level, rows])
 
 
 def find_rough_reflection(scene: Scene, mu_i: Array, mu_o: Array, phi: Array, run: Run) -> Array:
