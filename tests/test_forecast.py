@@ -55,7 +55,7 @@ LIMITED: dict[str, Callable[[], object]] = {  # calls whose limit is below what 
     "views": lambda: vrte.views(PEAKED, *MANY, nodes=8, time_limit_s=1.0),
     "closed form": lambda: vrte.brdf(PEAKED, MANY[0, :99], MANY[1, :99], AROUND, nodes=8, time_limit_s=9.0),
     "rough": lambda: vrte.brdf(
-        vrte.Scene([vrte.Interface(1, 1.33, 0.2), *THICK.layers]), 0.5, 0.5, nodes=256, time_limit_s=9.0
+        vrte.Scene([vrte.Interface(1, 1.33, 0.2), *THICK.layers]), 0.5, 0.5, nodes=256, time_limit_s=5.0
     ),
 }
 

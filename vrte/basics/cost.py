@@ -46,7 +46,7 @@ STEPS_ENDLESS = 8  # doubling steps of a semi-infinite layer
 A_SPREADING = 500.0  # operations of the small-angle part, for a degree and direction
 A_TERM = 45.0  # operations of the six series of single scattering, for a term
 RESPONSE = 100.0  # of a slab between interfaces, over the nodes' unknowns times those with beams and directions of view
-LOBES = 6e6  # operations for a direction and order of a rough interface
+LOBES, PIECES = 1e5, 30.0  # operations for a direction, an order and a node of a rough interface; pieces of a lobe
 
 # operations that take as long as what they stand for, over n^2 and unknowns on the nodes (docs/explanation/accuracy.md)
 DOUBLING_STEP, ADDING = 10.0, 9.0  # a doubling step, whose rows off the nodes take half the time; adding a slab

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 
 def count_operations_of_block(block: Block, strength: Array, accuracy: float) -> float:
     """Of all its orders; strength (order,): their q."""
-    problem = block.problem
+    problem, between = block.problem, count_operations_of_interfaces(block)
     if block.choice.name == "invariance":
-        return float(count_operations_of_invariance(problem, strength, accuracy).sum())
+        return float(count_operations_of_invariance(problem, strength, accuracy).sum()) + between
     if block.choice.name == "scatterings":
         return float(count_operations_of_scatterings(problem, block.orders).sum())
     each = (
@@ -34,7 +34,7 @@ def count_operations_of_block(block: Block, strength: Array, accuracy: float) ->
         if block.choice.name == "doubling"
         else count_operations_of_layers(problem)
     )
-    return each * block.orders.size + count_operations_of_interfaces(block)
+    return each * block.orders.size + between
 
 
 def count_operations_of_interfaces(block: Block) -> float:
@@ -47,7 +47,8 @@ def count_operations_of_interfaces(block: Block) -> float:
     slabs = 0 if is_under_one_surface(media) else problem.albedo.size
     responses = cost.RESPONSE * slabs * n * (n + stokes * into) * (n + stokes * out)
     rough = sum(each is not None and not each.is_smooth for each in media.scene.interfaces)
-    return block.orders.size * (responses + cost.LOBES * rough * (problem.nodes.size + into + out))
+    lobes = cost.LOBES * rough * (problem.nodes.size + into + out) * (problem.nodes.size + cost.PIECES)
+    return block.orders.size * (responses + lobes)
 
 
 def count_operations_of_layers(problem: Problem) -> float:
