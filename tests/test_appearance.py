@@ -187,7 +187,7 @@ def read_panel(panel: Panel, *names: str) -> dict[str, float]:
 def make_even(albedo: float, *surface: Any) -> Panel:
     """A Lambertian base, bare or under a surface."""
     layer = {"phase": "isotropic", "albedo": 0.0, "thickness": 0.0}
-    return make_panel({"layer": [*surface, layer], "base": over(albedo)}, [0.5])
+    return make_panel({"layer": [*surface, layer], "base": over(albedo)}, [0.5], accuracy=1e-8)
 
 
 def make_paint(albedo: float = 1.0, base: float = 1.0, accuracy: float = 1e-4, **surface: object) -> Panel:
