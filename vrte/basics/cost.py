@@ -45,6 +45,7 @@ PRODUCTS_A_JOINT = 8.0  # in adding two slabs
 STEPS_ENDLESS = 8  # doubling steps of a semi-infinite layer
 A_SPREADING = 500.0  # operations of the small-angle part, for a degree and direction
 A_TERM = 45.0  # operations of the six series of single scattering, for a term
+SCALAR_TERM = 0.25  # of these, where I alone is scattered
 RESPONSE = 100.0  # of a slab between interfaces, over the nodes' unknowns times those with beams and directions of view
 LOBES, PIECES = 1e5, 30.0  # operations for a direction, an order and a node of a rough interface; pieces of a lobe
 

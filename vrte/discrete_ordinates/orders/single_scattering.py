@@ -138,9 +138,11 @@ def add_base_reflected(
     index (n_col,): where the columns go; scale (n_in,): factor of each incident direction. Bases of several scenes are
     even.
     """
+    if not any([base.orders_reflected for base in bases]):
+        return
     up, count, below = mu > 0.0, problem.scenes, bases[0]
     total = (problem.above + problem.thickness).reshape(count, -1)[:, -1:]
-    if not any(base.orders_reflected for base in bases) or not np.isfinite(total).all() or not up.any():
+    if not np.isfinite(total).all() or not up.any():
         return
     mu0 = problem.mu0[first:last]
     strength = scale[first:last] * mu0 * np.exp(-total / mu0)

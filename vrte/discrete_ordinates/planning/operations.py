@@ -111,9 +111,9 @@ def count_operations_of_derivatives(plan: "Plan", of_orders: float, once: float)
 
 
 def count_terms_scattered(problem: Problem, scene: Scene) -> float:
-    """Terms of all phase matrices that scatter once: where light is refracted, beams go both ways, and each is seen on
-    both sides of a layer."""
+    """Terms of all phase matrices that scatter once, those of scalar ones by what they take: where light is refracted,
+    beams go both ways, and each is seen on both sides of a layer."""
     there = [layer.phase_matrix for layer, gain in zip(scene.layers, problem.gain, strict=True) if gain > 0.0]
-    if problem.media is not None:
-        return 4.0 * sum(each.terms for each in there)
-    return float(sum(each.terms for each in {id(each): each for each in there}.values()))
+    twice = 4.0 if problem.media is not None else 1.0
+    once = there if problem.media is not None else {id(each): each for each in there}.values()
+    return twice * sum(each.terms * (cost.SCALAR_TERM if each.is_scalar else 1.0) for each in once)

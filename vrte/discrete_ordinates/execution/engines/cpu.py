@@ -40,6 +40,7 @@ from vrte.discrete_ordinates.planning.memory import check_memory
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.scene.boundary import Boundary
 
+NOTHING = np.zeros(0)  # in the place of fluxes
 SHARES = 3  # parts of the incident directions per thread, for summation
 
 
@@ -375,14 +376,15 @@ def make_answer(piece: Piece, orders: IntArray, found: Orders | None, doubts: di
         return make_empty_answer(doubts)
     block, kernels = piece.block, found.kernels
     light = Light(orders, block.problem.members, make_index(block.columns), kernels)
-    flux = np.array([found.flux_up, found.flux_down])
+    has_flux = orders[0] == 0 and block.stokes[0] == 0
+    flux = np.array([found.flux_up, found.flux_down]) if has_flux else NOTHING
     if piece.plan.is_solved_at_once:
         return Answer(light, flux, None, None, found.residuals, doubts)
     # without the absolute values of all, which would take as much memory again
     ends = kernels.max(axis=(3, 4, 5), initial=0.0), kernels.min(axis=(3, 4, 5), initial=0.0)
     largest = np.maximum(ends[0], -ends[1])
     brightest = largest[0]
-    if orders[0] == 0 and block.stokes[0] == 0:
+    if has_flux:
         lit = np.abs(piece.problem.columns).max(axis=1).tolist()
         first = np.abs(kernels[0, :, :, lit.index(max(lit)), :, 0])  # not of incident I, which may be none
         brightest = first.max(axis=2, initial=0.0) / max(*lit, 1e-300)
