@@ -152,9 +152,7 @@ def make_shared_blocks(
         lit |= {part: find_lit_columns(problem, part, there, along_normal) for part, _ in parts}
         parts = tuple((part, members) for part, members in parts if lit[part])
         at_once = not is_worth_stages(problem, count) or are_solved_at_once([members for _, members in parts])
-        fits[indices] = at_once and all(
-            part.layers == problem.layers and (part.has_end or may_end) for part, _ in parts
-        )
+        fits[indices] = at_once and all([p.layers == problem.layers and (p.has_end or may_end) for p, _ in parts])
         for part, members in parts if fits[indices[0]] else ():
             wanted.setdefault(part, np.zeros(shape, bool))[members[:, None], indices] = True
     reduced = {part: reduce_problem(problem, part, lit[part]) for part in wanted}

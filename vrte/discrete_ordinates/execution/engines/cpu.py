@@ -40,7 +40,6 @@ from vrte.discrete_ordinates.planning.memory import check_memory
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.scene.boundary import Boundary
 
-NOTHING = np.zeros(0)  # in the place of fluxes
 SHARES = 3  # parts of the incident directions per thread, for summation
 
 
@@ -377,7 +376,7 @@ def make_answer(piece: Piece, orders: IntArray, found: Orders | None, doubts: di
     block, kernels = piece.block, found.kernels
     light = Light(orders, block.problem.members, make_index(block.columns), kernels)
     has_flux = orders[0] == 0 and block.stokes[0] == 0
-    flux = np.array([found.flux_up, found.flux_down]) if has_flux else NOTHING
+    flux = np.array([found.flux_up, found.flux_down]) if has_flux else np.zeros(0)
     if piece.plan.is_solved_at_once:
         return Answer(light, flux, None, None, found.residuals, doubts)
     # without the absolute values of all, which would take as much memory again
