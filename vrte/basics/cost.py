@@ -63,7 +63,7 @@ WORTH_THREADS_SUMS = 1e5  # bytes of a result: its Fourier sums by several threa
 BRIEF = 3e8  # operations of a request: below, it takes some milliseconds on one thread, and gets no other
 
 # derivatives
-ALGEBRA, ALGEBRA_SIZE = 1.2e7, 80.0  # operations of one, for an order and layer; and over (nodes + directions)^3
+ALGEBRA, ALGEBRA_SIZE = 3.5e6, 24.0  # operations of one, for an order and layer; and over (nodes + directions)^3
 ONCE = 2.0  # time of a derivative of single scattering over that of single scattering
 GRADIENT, GRADIENT_ONCE = 4.0, 20.0  # time of an adjoint gradient over that of one derivative, of single scattering
 DIFFERENCES = 7.0  # time of one by differences over that of a solve: four or five solves without skips, their plans

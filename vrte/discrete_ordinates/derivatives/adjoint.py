@@ -200,7 +200,7 @@ def collect_tables(routes: Routes, cotangent: Array, run: Run) -> tuple[Array, l
     forward = np.zeros(len(routes.variations))
     multiple = [np.zeros((rows, 6)) for _ in scene.layers]
     single = [np.zeros((layer.phase_matrix.terms, 6)) for layer in scene.layers]
-    with PROCESSOR.at_work(), run.timed("derivatives"):
+    with PROCESSOR.at_work():
         for block in plan.blocks:
             orders = block.orders[block.orders < plan.orders]
             if orders.size and block.choice.name == "invariance" and block.problem.media is None:

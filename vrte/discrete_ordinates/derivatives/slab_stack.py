@@ -33,7 +33,6 @@ from vrte.scene.boundary import Boundary
 
 REVERSED = {RISING: ENTERING, ENTERING: RISING, ARRIVING: LEAVING, LEAVING: ARRIVING}
 ALLOWED = 1e-9  # largest residual of modes and of what slabs do for which derivatives by modes are used
-CHECKED = ("residual_of_boundary", "residual_of_reflection")
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,19 +98,14 @@ class Differentiating(Refracting):
         return found.reshape(len(self.sources), -1, n_tau * n_out * stokes)
 
     def list_pieces(self) -> Iterator[Piece]:
-        """The pieces, top first."""
-        place = {
-            k: (number, own) for number, medium in enumerate(self.each) for own, k in enumerate(medium.pieces.tolist())
-        }
-        for k, layer in enumerate(self.cut.layer.tolist()):
-            number, own = place[k]
-            medium = self.each[number]
-            slab, into = int(medium.of[own]), self.into[1 + layer][:, None, None]
-            falling, rising = (
-                lay_out(spread(power[k], into) / medium.index) for power in (self.falling, self.mirrored)
-            )
-            up, down = self.weighing[2 * k : 2 * k + 2] / medium.index
-            yield Piece(k, layer, number, int(medium.material[slab]), slab, (falling, rising), (up, down))
+        """The pieces, medium by medium."""
+        for number, medium in enumerate(self.each):
+            for k, slab in zip(medium.pieces.tolist(), medium.of.tolist(), strict=True):
+                layer = int(self.cut.layer[k])
+                into, powers = self.into[1 + layer][:, None, None], (self.falling[k], self.mirrored[k])
+                falling, rising = (lay_out(spread(power, into) / medium.index) for power in powers)
+                up, down = self.weighing[2 * k : 2 * k + 2] / medium.index
+                yield Piece(k, layer, number, int(medium.material[slab]), slab, (falling, rising), (up, down))
 
     def change_base(self, change: Change, n_order: int, accuracy: float) -> Base | None:
         """The derivative of the base's operators, None where it stays."""
@@ -242,7 +236,7 @@ class Fields:
     """Some orders of a stack, solved: all light on its nodes, (order, interface, 4, r, n), and what light that sets out
     weighs, (order, interface, 4, r_weights, n), at the place of its reverse."""
 
-    def __init__(self, route: Differentiating, orders: IntArray, run: Run, columns: int | None = None) -> None:
+    def __init__(self, route: Differentiating, orders: IntArray, run: Run) -> None:
         self.route, self.orders = route, orders
         self.sheets = [assemble(one.problem, orders, run) for one in route.each]
         self.modes = [
@@ -255,7 +249,10 @@ class Fields:
         ]
         residuals = [modes.residual.max(axis=1) for modes in self.modes]
         residuals += [
-            each.max(axis=0) for _, found in self.slabs for key, each in found.residuals.items() if key in CHECKED
+            each.max(axis=0)
+            for _, found in self.slabs
+            for key, each in found.residuals.items()
+            if key != "residual_of_transmission"
         ]
         self.residual = np.max(residuals, axis=0)
         worst = float(self.residual.max())
@@ -302,7 +299,7 @@ class Fields:
         elif extra and route.kind[0] == ROUGH:
             found[:, 0, ENTERING] += above @ route.rough_interfaces[0].up.nodes[self.orders]
         elif extra:
-            R, T = self.blocks_of(route.pieces[0])
+            R, T = self.blocks_of(next(piece for piece in route.pieces if piece.place == 0))
             first = problem.size - R.N.shape[-1]
             found[:, 0, RISING, :, first:] += above[..., first:] @ R.N
             found[:, 1, ARRIVING, :, first:] += above[..., first:] @ T.N
