@@ -57,6 +57,8 @@ CORE = list_faults(
      "the last step is taken for what all further steps change", "iterations"),
     ("mirrored", "core/single_scattering.pxi", "(k % 4 >= 2) == (s.kind", "(k % 4 >= 2) != (s.kind",
      "sign of U and V of light scattered once at azimuths beyond 180 degrees", "discrete_ordinates sums"),
+    ("under-invariance", "core/invariance.pxi", "share(&one, one.below, r, g, n, down, n)", "set_zero(nr, down)",
+     "what a surface sends back down again is lost along the directions that are seen", "interfaces"),
 )  # fmt: skip
 
 DEVICE = list_faults(
@@ -141,6 +143,8 @@ OTHERS = list_faults(
      "models that do not fit are said to fit", "fit"),
     ("hiding", "appearance/hiding.py", "\nCLOSE = 1e-3", "\nCLOSE = 0.3",
      "the search for the hiding thickness ends too early", "appearance_hiding"),
+    ("stale-slopes", "fit/problem.py", "self.failed >= PATIENCE and", "self.failed >= 10**9 and",
+     "derivatives that lead nowhere are never found anew", "fit"),
 )  # fmt: skip
 
 FAULTS = CORE + DEVICE + ORDINATES + METHODS + OTHERS
