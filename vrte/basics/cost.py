@@ -47,10 +47,10 @@ A_SPREADING = 500.0  # operations of the small-angle part, for a degree and dire
 A_TERM = 45.0  # operations of the six series of single scattering, for a term
 SCALAR_TERM = 0.25  # of these, where I alone is scattered
 RESPONSE = 100.0  # of a slab between interfaces, over the nodes' unknowns times those with beams and directions of view
-LOBES, PIECES = 1e5, 30.0  # operations for a direction, an order and a node of a rough interface; pieces of a lobe
+LOBES, PIECES = 1e5, 30.0  # operations for a direction, an order and a node of a rough interface; nodes added, fitted
 
 # operations that take as long as what they stand for, over n^2 and unknowns on the nodes (docs/explanation/accuracy.md)
-DOUBLING_STEP, ADDING = 10.0, 9.0  # a doubling step, whose rows off the nodes take half the time; adding a slab
+DOUBLING_STEP, ADDING = 9.0, 7.0  # a doubling step, whose rows off the nodes take half the time; adding a slab
 OFF_SYMMETRIC, OFF_GENERAL = 2.5, 8.0  # a row off the nodes by modes: real ones, and where some are complex pairs
 WORTH_DOUBLING = 0.7  # doubling is taken below this predicted time over that of modes, known to about a third
 
