@@ -291,7 +291,7 @@ REFUSED = [
     ({name: one for name, one in fields().items() if name != "field"}, "brdf is missing"),
     (simple({ALBEDO: [0.5]}, method="two-stream"), "a sweep is made by 'discrete-ordinates' alone"),
     (glossy({"layer[1].interface.below": [1.5, 20.0]}), "value 2: layer[1].interface.below must be"),
-    (glossy({"layer[1].interface.roughness": [0.1, 0.001]}), "layer[1].interface.roughness must be 0"),
+    (glossy({"layer[1].interface.roughness": [0.1, 0.0005]}), "layer[1].interface.roughness must be 0"),
     (glossy(GLOSSY, {"above": 1.0, "below": "water"}), 'is "water", and only a number can be changed'),
     (glossy({"base.index": [1.5, -1.0]}, **MIRROR), "value 2: base.index must be"),
     (glossy({"specular": {"key": "layer[2].thickness", "values": [1.0]}}), "is taken by the table itself"),
