@@ -17,6 +17,7 @@ from vrte.cl import assembly, invariance
 from vrte.cl.doubling import double_slabs as double_on_device
 from vrte.cl.matrices import Stack, download_stack, invert, make_stack, multiply_stacks, upload_stack
 from vrte.cl.session import Session, Traffic
+from vrte.discrete_ordinates.execution.engines import opencl as engine
 from vrte.discrete_ordinates.orders.doubling import Slabs, double_slabs
 from vrte.discrete_ordinates.orders.phase_assembly import assemble
 from vrte.discrete_ordinates.orders.slabs import SlabStack, cut_layers
@@ -217,3 +218,42 @@ def test_few_launches_and_reads(
     assert 0 < found.launches <= most[0]
     assert 0 < found.reads <= most[1]
     assert found.bytes_down >= 8 * mu.size**2 * 37 * 16
+
+
+@pytest.mark.parametrize(("algorithm", "thickness"), [("invariance", np.inf), ("doubling", 1.5)])
+def test_sums_of_many_scenes_take_as_many_launches_as_those_of_one(
+    either_width: Any, monkeypatch: pytest.MonkeyPatch, algorithm: str, thickness: float
+) -> None:
+    """Of the same Fourier orders; each result is that of its scene alone to the last bit, in small batches as well."""
+    monkeypatch.setattr(engine, "open_session", lambda precision="double": either_width.in_precision(precision))
+    launched: list[str] = []
+    launch = Session.launch
+
+    def noted(session: Session, name: str, *arguments: Any, **named: Any) -> None:
+        launched.append(name)
+        launch(session, name, *arguments, **named)
+
+    monkeypatch.setattr(Session, "launch", noted)
+    mu, phi = np.array([0.3, 0.9]), np.array([0.0, 50.0, 310.0])
+    kinds = (0.9, 0.0), (0.5, 0.03), (0.7, 0.1)  # albedo and depolarization
+    scenes = [vrte.Scene([vrte.Layer(vrte.rayleigh(kind), albedo, thickness)]) for albedo, kind in kinds]
+    asked: dict[str, Any] = {"nodes": 4, "backend": "opencl", "algorithm": algorithm}
+    asked["transmission"] = bool(np.isfinite(thickness))
+
+    def solve(scenes: list[vrte.Scene]) -> tuple[list[np.ndarray], int]:
+        launched.clear()
+        found = vrte.brdfs(scenes, mu, mu, phi, **asked)
+        light = [
+            np.concatenate([each for each in (one.mueller, one.transmission) if each is not None]) for one in found
+        ]
+        return light, sum(name.startswith(("add_orders", "add_scattering")) for name in launched)
+
+    together, few = solve(scenes)
+    alone = [solve([scene]) for scene in scenes]
+    assert few == max(launches for _, launches in alone)
+    monkeypatch.setattr(engine, "TOGETHER", 1.0)
+    in_batches, many = solve(scenes)
+    assert many == sum(launches for _, launches in alone)
+    for whole, batch, (one, _) in zip(together, in_batches, alone, strict=True):
+        np.testing.assert_array_equal(whole, one[0])
+        np.testing.assert_array_equal(batch, one[0])

@@ -46,18 +46,23 @@ void see_columns(const real4* f, const real4* turns, int n_col, __global const r
     }
 }
 
-// table (terms, SERIES); path (n_level, n_in, n_mu): what multiplies the phase matrix; mu0 (n_in,) > 0, mu (n_mu,) signed,
-// public; cos_phi, sin_phi (n_angle,), padded to a multiple of 4; columns (n_col, 4) within (I, Q) or, kind 1, (U, V),
-// place (n_col,) in the result's last axis. Pieces: `each` directions, n_in; a lane has a tile of four of a direction's angles.
+// table (stack, terms, SERIES); path (stack, n_level, n_in, n_mu): what multiplies the phase matrix; mu0 (n_in,) > 0, mu
+// (n_mu,) signed, public; cos_phi, sin_phi (n_angle,), padded to a multiple of 4; columns (n_col, 4) within (I, Q) or, kind 1,
+// (U, V), place (n_col,) in the result's last axis. Pieces: `each` directions, n_in times stacks; a lane has a tile of four
+// of a direction's angles.
 #define SCATTERED IN table, int terms, IN path, IN mu0, IN mu, IN cos_phi, IN sin_phi, int n_col, IN columns, INTS kind, \
     INTS place
 
 SHARED
 __kernel void add_scattering(SCATTERED, int each, TABLE)
 {
-    const int i = get_group_id(1), begin_mu = each * get_group_id(0), tiles = (n_angle + 3) / 4;
+    const int i = get_group_id(1) % n_in, stack = get_group_id(1) / n_in;
+    const int begin_mu = each * get_group_id(0), tiles = (n_angle + 3) / 4;
     const long pairs = (long)n_in * n_mu;
     real4 seen[8 * MOST_COLUMNS];      // four angles and their mirror images, a row (4, n_place) each
+    table += (long)stack * terms * SERIES;
+    path += stack * n_level * pairs;
+    out += stack * n_level * pairs * n_phi * 4 * n_place;
     SPREAD(tile, begin_mu * tiles, min(n_mu, begin_mu + each) * tiles) {
         const int j = tile / tiles, angle = tile % tiles * 4;
         const long pair = (long)i * n_mu + j;

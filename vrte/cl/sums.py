@@ -42,19 +42,21 @@ def list_entries(given: Any) -> tuple[Array, Array, Array, Array]:
     return np.array(where, np.int32), sense, waves, 1.0 - 2.0 * np.array(patterns)
 
 
-def add_to_table(session: Session, name: str, tile: int, n_angle: int, given: Any, *arguments: Any) -> None:
-    """Adds what a kernel finds to the incident directions first .. last - 1 of out (n_level, n_in, n_mu, n_phi, 4,
-    n_place). A piece is some directions and all their tiles of so many distinct angles: as many as lanes, and so few
-    pieces that none is too small for a processor."""
+def add_to_table(
+    session: Session, name: str, tile: int, n_angle: int, stacks: int, given: Any, *arguments: Any
+) -> None:
+    """Adds what a kernel finds to incident directions first .. last - 1 of out (stack n_level, n_in, n_mu, n_phi, 4,
+    n_place). A piece is some directions of a stack and all their tiles of so many distinct angles: as many as lanes,
+    and so few pieces that none is too small for a processor."""
     table = given.out[:, given.first : given.last]
     n_level, n_in, n_mu, n_phi, _, n_place = table.shape
     azimuth = np.argsort(given.angle, kind="stable").astype(np.int32)
     first_use = np.searchsorted(given.angle[azimuth], np.arange(n_angle + 1)).astype(np.int32)
     azimuths = (session.constant(each) for each in (first_use, azimuth, np.sign(given.sign)[azimuth]))
-    across = n_in * (n_level if name == "add_orders" else 1)
+    across = n_in * stacks
     each = max(1, min(n_mu, max(n_mu * across // PIECES, session.lanes // -(-n_angle // tile))))
     made = session.zeros(table.shape)
-    into = n_angle, n_phi, n_place, n_level, n_in, n_mu, made
+    into = n_angle, n_phi, n_place, n_level // stacks, n_in, n_mu, made
     session.launch(name, (-(-n_mu // each), across), *arguments, each, *azimuths, *into)
     table += session.download(made)
 
@@ -71,13 +73,13 @@ def azimuthal_sum(session: Session, crew: ThreadTeam, given: Any) -> None:
     sizes = n_order, n_stored, n_col, n_kept, n_stokes, len(where)
     others = where, sense, waves, mirrored, given.levels, given.rows, given.scale[lit]
     arguments = session.upload(kernels), *sizes, *(session.constant(each) for each in others)
-    add_to_table(session, "add_orders", TILE_OF_ORDERS, given.cosine.shape[1], given, *arguments)
+    add_to_table(session, "add_orders", TILE_OF_ORDERS, given.cosine.shape[1], len(given.levels), given, *arguments)
 
 
 @stand_in_for(_core.add_single_scattering)
 def add_single_scattering(session: Session, crew: ThreadTeam, given: Any) -> None:
-    """Adds path times the phase matrix times columns to out (n_level, n_in, n_mu, n_phi, 4, n_place). ``wide`` is not
-    used. Raises ValueError for too many columns or a table that is not of `series_table`."""
+    """Adds path times the phase matrix times columns to out (stack n_level, n_in, n_mu, n_phi, 4, n_place). ``wide`` is
+    not used. Raises ValueError for too many columns or a table that is not of `series_table`."""
     if given.columns.shape[0] > _core.MOST_COLUMNS:
         raise ValueError(f"at most {_core.MOST_COLUMNS} columns")
     if given.table.shape[0] % 2 or given.table.shape[1] != _core.SERIES:
@@ -85,10 +87,10 @@ def add_single_scattering(session: Session, crew: ThreadTeam, given: Any) -> Non
     lit = slice(given.first, given.last)
     if not given.out[:, lit].size:
         return
-    n_angle, upload = given.cos_phi.size, session.constant
+    n_angle, upload, stacks = given.cos_phi.size, session.constant, getattr(given, "slab_stacks", 1)
     waves = np.zeros((2, pad_to_strips(n_angle)))
     waves[:, :n_angle] = given.cos_phi, given.sin_phi
-    series = upload(given.table), given.table.shape[0], session.upload(given.path[:, lit])
+    series = upload(given.table), given.table.shape[0] // stacks, session.upload(given.path[:, lit])
     seen = (upload(each) for each in (given.mu0[lit], given.mu, *waves))
     columns = given.columns.shape[0], upload(given.columns), upload(given.kind), upload(given.place)
-    add_to_table(session, "add_scattering", TILE_OF_SCATTERING, n_angle, given, *series, *seen, *columns)
+    add_to_table(session, "add_scattering", TILE_OF_SCATTERING, n_angle, stacks, given, *series, *seen, *columns)

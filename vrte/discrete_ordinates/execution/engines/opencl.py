@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from vrte import _core
 from vrte.basics.arrays import Array, IntArray, replace_unchecked
 from vrte.basics.memory import ALWAYS_THERE, BYTES, find_available_bytes
-from vrte.basics.running import Run
+from vrte.basics.running import Run, ThreadTeam
 from vrte.cl import assembly, doubling, invariance, joining, reconstruction, sums
 from vrte.cl.device import choose_precision, find_chosen_device, raise_device_errors
 from vrte.cl.device import session as open_session
@@ -44,6 +44,8 @@ BY_SLABS = ("doubling", IN_DOUBLES)  # algorithms that work slab by slab
 # Residuals up to which an answer in floats counts: a tenth of its accuracy of 1e-4, as 1e-9 is of doubles' 1e-8; that
 # of transmission is nine times the error that rounding makes of T, and more (docs/how_to/opencl.md).
 ALLOWED_OF_FLOATS = {"residual_of_reflection": 1e-5, "residual_of_transmission": 5e-4, "residual_of_adding": 1e-5}
+STACKED = {"kernels": 1, "path": 0, "table": 0, "out": 0}  # axis along which scenes follow each other
+TOGETHER = 32e6  # bytes of what waiting sums read and add to, after which they are performed
 CACHED = 256e6  # bytes of matrices per batch on a processor: larger batches are not faster
 
 
@@ -208,13 +210,64 @@ class Device:
     def add_up(self, results: Sequence[Sum], run: Run, told: Callable[[int], None]) -> None:
         """As the processor does, with the device's stages; single scattering always in doubles, by the processor where
         the device has none."""
+        doubles, calls = self.in_doubles, WaitingCalls(run)
+        scatter = partial(sums.add_single_scattering, doubles) if doubles else _core.add_single_scattering
         stages = SimpleNamespace(
-            azimuthal_sum=partial(sums.azimuthal_sum, self.session),
-            add_single_scattering=_core.add_single_scattering
-            if self.in_doubles is None
-            else partial(sums.add_single_scattering, self.in_doubles),
+            azimuthal_sum=partial(calls.add, "fourier sum", partial(sums.azimuthal_sum, self.session)),
+            add_single_scattering=partial(calls.add, "single scattering", scatter),
         )
-        Processor(piece_bytes=self.piece_bytes).add_up(results, replace_unchecked(run, kernels=stages), told)
+
+        def advance(done: int) -> None:
+            if calls.size >= min(TOGETHER, self.piece_bytes):
+                calls.perform()
+            told(done)
+
+        Processor(piece_bytes=self.piece_bytes).add_up(results, replace_unchecked(run, kernels=stages), advance)
+        calls.perform()
+
+
+@dataclass(eq=False)
+class WaitingCalls:
+    """Calls of the sums' stages that wait until they are performed, those that differ in the arrays of `STACKED` alone
+    in one call; ``waiting``: by what they have in common, their arguments; ``size``: bytes of those arrays."""
+
+    run: Run
+    waiting: dict[Any, list[dict[str, Any]]] = field(default_factory=dict)
+    size: float = 0.0
+
+    def add(self, name: str, stage: Callable[..., Any], crew: ThreadTeam, **given: Any) -> None:
+        """One more call of a stage, to be timed under ``name``."""
+        shared = (
+            (key, value) if not isinstance(value, np.ndarray) else (key, value.shape, key in STACKED or value.tobytes())
+            for key, value in given.items()
+        )
+        self.waiting.setdefault((name, stage, *shared), []).append(given)
+        self.size += sum(given[key].nbytes for key in STACKED.keys() & given.keys())
+
+    def perform(self) -> None:
+        """All calls that wait."""
+        for (name, stage, *_), calls in self.waiting.items():
+            joined = calls[0] if len(calls) == 1 else join_calls(calls)
+            with self.run.timed(name) as crew:
+                stage(crew, **joined)
+            if len(calls) > 1:
+                for call, found in zip(calls, np.split(joined["out"], len(calls)), strict=True):
+                    call["out"][...] += found
+        self.waiting, self.size = {}, 0.0
+
+
+def join_calls(calls: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Arguments of one call of a stage that does what several do, and adds to zeros: stack behind stack."""
+    first, count = calls[0], len(calls)
+    joined: dict[str, Any] = {"out": np.zeros((count * first["out"].shape[0], *first["out"].shape[1:]))}
+    for key in STACKED.keys() & (first.keys() - joined.keys()):
+        joined[key] = np.concatenate([call[key] for call in calls], STACKED[key])
+    if "kernels" in first:
+        before = first["kernels"].shape[1] * np.arange(count, dtype=np.int32)[:, None]
+        joined["levels"] = (before + first["levels"]).ravel()
+    else:
+        joined["slab_stacks"] = count * first.get("slab_stacks", 1)
+    return first | joined
 
 
 def open_engine(asked: str = "auto", accuracy: float = 0.0) -> Device:
