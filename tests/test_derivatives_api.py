@@ -125,9 +125,20 @@ CONTENT = {
 }
 
 SCATTERING = {"derivatives": ["layer[1].coefficients[1].a1"], "nodes": 4}
+DEVICE = "derivatives are found on the processor: .*, not 'opencl'"
+SWEPT = {**CONTENT, "axes": {"depth": {"key": DEPTH, "values": [0.1, 0.2]}}}
+VISIBLE = [0.4, 0.45, 0.5, 0.55, 0.6]
 REFUSED = [
-    ("derivatives are", lambda: differentiate(HAZE, BASE, method="single-scattering")),
-    ("derivatives are", lambda: differentiate(HAZE, BASE, backend="opencl")),
+    ("derivatives are those of", lambda: differentiate(HAZE, BASE, method="single-scattering")),
+    (DEVICE, lambda: differentiate(HAZE, BASE, backend="opencl")),
+    (DEVICE, lambda: vrte.brdfs([HAZE, HAZE], 0.5, 0.5, nodes=4, backend="opencl", derivatives=[BASE])),
+    (DEVICE, lambda: vrte.radiance(HAZE, 0.5, mu=0.5, nodes=4, backend="opencl", derivatives=[BASE])),
+    (DEVICE, lambda: vrte.spectrum(CONTENT, [0.45], backend="opencl", derivatives=[BASE])),
+    (DEVICE, lambda: vrte.plan("brdf", HAZE, 0.5, 0.5, nodes=4, backend="opencl", derivatives=[BASE])),
+    (DEVICE, lambda: vrte.linearize(HAZE, 0.5, 0.5, nodes=4, backend="opencl")),
+    ("derivatives are not for panels", lambda: vrte.appearance(CONTENT, [0.4, 0.5], derivatives=[BASE])),
+    ("derivatives are not for panels", lambda: vrte.to_mitsuba(CONTENT, VISIBLE, "t.bsdf", 15.0, derivatives=[BASE])),
+    (r'derivatives = \["base.albedo"\]: unknown key', lambda: vrte.sweep({**SWEPT, "derivatives": [BASE]})),
     ("not for single geometries", lambda: vrte.views(HAZE, 0.5, 0.5, nodes=4, derivatives=[BASE])),
     ("derivatives is not asked for here", lambda: vrte.solve_base(HAZE, derivatives=[BASE])),
     ("for 1 derivative beside the light", lambda: differentiate(HAZE, BASE, time_limit_s=1e-5)),

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import vrte
+from bench.cases import find_scene
 from vrte.basics import cost
 from vrte.basics.running import start_run
 from vrte.calls import plan
@@ -116,6 +117,23 @@ def test_memory_of_rough_surfaces_is_counted(monkeypatch: pytest.MonkeyPatch) ->
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert 0.5 * peak < reported[0] < 3.0 * peak
+
+
+def test_derivatives_by_invariance_are_predicted() -> None:
+    """Beside the light they were forecast three times too long, by what the algebra of slabs takes."""
+    scene, mu, phi = find_scene("gold"), np.linspace(0.1, 1.0, 10), [0.0, 90.0]
+    how: dict[str, Any] = {"nodes": 32, "accuracy": 1e-6, "threads": 1}
+    names = ["layer[1].thickness", "layer[1].albedo", "layer[1].coefficients[1].a1"]
+    seconds: list[float] = []
+    for derivatives in (None, names):
+        rounds: list[float] = []
+        for _ in range(3):
+            begin = time.process_time()
+            vrte.brdf(scene, mu, mu, phi, derivatives=derivatives, **how)
+            rounds.append(time.process_time() - begin)
+        seconds.append(min(rounds))
+    predicted = vrte.plan("brdf", scene, mu, mu, phi, derivatives=names, **how).as_dict()["solves_of_derivatives"]
+    assert 0.4 < predicted / (seconds[1] / seconds[0] - 1.0) < 2.5
 
 
 def test_what_takes_long_says_so(monkeypatch: pytest.MonkeyPatch) -> None:

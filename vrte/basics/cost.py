@@ -64,8 +64,9 @@ BRIEF = 3e8  # operations of a request: below, it takes some milliseconds on one
 
 # derivatives
 ALGEBRA, ALGEBRA_SIZE = 3.5e6, 24.0  # operations of one, for an order and layer; and over (nodes + directions)^3
+BY_INVARIANCE = 0.6  # time of one, of orders by invariance, over that of their light: gold, 24 to 64 nodes
 ONCE = 2.0  # time of a derivative of single scattering over that of single scattering
-GRADIENT, GRADIENT_ONCE = 4.0, 20.0  # time of an adjoint gradient over that of one derivative, of single scattering
+GRADIENT, GRADIENT_ONCE = 3.5, 20.0  # time of an adjoint gradient over that of one derivative, of single scattering
 DIFFERENCES = 7.0  # time of one by differences over that of a solve: four or five solves without skips, their plans
 
 # operations of other methods, measured as seconds times their rate

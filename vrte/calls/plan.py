@@ -76,6 +76,9 @@ def plan(
 
 def make_request(kind: Any, scene: Any, *arguments: Any, **keywords: Any) -> Request:
     """The request that `vrte.brdf` or `vrte.radiance` would make of its arguments, its method named."""
+    if keywords.pop("derivatives", None) is not None:
+        words = "are not for panels and tables: vrte.brdf, brdfs, radiance and spectrum have them"
+        raise SceneError.of("derivatives", words)
     make: Any = make_brdf_request if kind == "brdf" else make_radiance_request
     return choose_method(make(scene, *arguments, **keywords))
 

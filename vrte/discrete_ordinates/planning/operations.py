@@ -97,12 +97,17 @@ def count_operations_of_single_scattering(plan: "Plan") -> float:
 
 
 def count_operations_of_derivatives(plan: "Plan", of_orders: float, once: float) -> float:
-    """Of derivatives by the algebra of slabs: so many times those of one with all orders, and times light that is
-    scattered once."""
+    """Of derivatives by the algebra of slabs, or by invariance: so many times those of one with all orders, and times
+    light that is scattered once."""
     total = 0.0
     for part in plan.parts or (plan,):
         for block in part.blocks:
             problem = block.problem
+            if block.choice.name == "invariance" and problem.media is None:
+                strength = part.needs.strength[0, block.orders]
+                light = count_operations_of_invariance(problem, strength, part.accuracy)
+                total += of_orders * cost.BY_INVARIANCE * float(light.sum())
+                continue
             size = problem.size + len(problem.stokes) * max(problem.mu0.size, problem.mu_out.size)
             each = cost.ALGEBRA + cost.ALGEBRA_SIZE * float(size) ** 3
             total += of_orders * each * block.orders.size * problem.albedo.size
