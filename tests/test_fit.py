@@ -48,6 +48,15 @@ def test_numbers_come_back_from_what_they_made() -> None:
     assert any("base.albedo is at its upper bound 0.2" in one for one in found.notes)
 
 
+def test_one_number_of_several_layers_is_fitted() -> None:
+    """The total of a stack whose layers keep their parts, from 1.2 back to what it was."""
+    stack = {"layer": [LAYER, LAYER | {"albedo": 0.6, "thickness": 0.5}]}
+    found = vrte.fit(measure(stack), stack, {"layer[1:2].thickness": {"start": 1.2}}, nodes=4)
+    assert_close(found.values, [1.5], rtol=1e-5, atol=0.0)
+    layers = found.content()["layer"]
+    assert layers[0]["thickness"] == close_to(2.0 * layers[1]["thickness"], rtol=1e-12, atol=0.0)
+
+
 def test_derivatives_are_updated_and_found_anew_where_they_lead_nowhere(monkeypatch: pytest.MonkeyPatch) -> None:
     """Rosenbrock's valley in the place of a scene: (1, 1), with fewer derivatives than trials."""
     problem = vrte.fit(measure(), SCENE, ["layer[1].thickness", "layer[1].albedo"], nodes=4).problem

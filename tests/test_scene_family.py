@@ -135,6 +135,86 @@ def test_numbers_of_a_ready_material_and_of_a_paint() -> None:
     assert found.thickness[0] == close_to(family.at([50.0]).thickness / 50.0, rtol=1e-12, atol=0.0)
 
 
+SOOT, FOG = {**FILM, "particles": "glass"}, {"particles": "drop", "thickness": 0.5}
+MURK = HAZE | {"albedo": 0.9}
+PROFILE = [SOOT, FOG, MURK, MURK | {"thickness": 1.0}, FOG | {"thickness": 1.5}, SOOT | {"thickness_um": 90.0}]
+ACROSS: list[tuple[str, float, dict[int, float]]] = [  # a number, its value, and its part in each layer
+    ("layer[drop].thickness", 2.0, {2: 0.25, 5: 0.75}),
+    ("layer['glass'].thickness_um", 120.0, {1: 0.25, 6: 0.75}),
+    ("layer[3:5].thickness", 4.5, {3: 2.0 / 4.5, 4: 1.0 / 4.5, 5: 1.5 / 4.5}),
+    ("layer[glass].volume_fraction", 0.02, {1: 1.0, 6: 1.0}),
+    ("layer[3:4].albedo", 0.9, {3: 1.0, 4: 1.0}),
+]
+
+
+@pytest.mark.parametrize(("name", "value", "parts"), ACROSS)
+def test_one_number_of_several_layers(name: str, value: float, parts: dict[int, float]) -> None:
+    """Its derivative is those of the layers' own numbers by the chain rule, and that of plain differences of solves."""
+    content, key = make_content(layer=PROFILE), name.rpartition(".")[2]
+    family = vrte.SceneFamily(content, [name])
+    assert family.values == close_to([value], rtol=1e-15, atol=0.0)
+    layers = family.content_at([0.9 * value])["layer"]
+    for number, layer in enumerate(layers, 1):
+        own = {key: close_to(0.9 * value * parts[number], rtol=1e-15, atol=0.0)} if number in parts else {}
+        assert layer == PROFILE[number - 1] | own
+
+    def solve(scene: vrte.Scene, **how: Any) -> vrte.Brdf:
+        return vrte.brdf(scene, [0.4, 0.9], [0.3, 0.8], nodes=4, truncation="none", **how)
+
+    each = vrte.SceneFamily(content, [f"layer[{number}].{key}" for number in parts])
+    single = solve(each.at(each.values), derivatives=each.variations()).jacobian
+    expected = sum(part * single[f"layer[{number}].{key}"] for number, part in parts.items())
+    slope = solve(family.at(family.values), derivatives=family.variations()).jacobian[name]
+    assert slope == close_to(expected, rtol=0.0, atol=1e-11 * abs(expected).max())
+    near, far = (
+        (solve(family.at([value + step])).mueller - solve(family.at([value - step])).mueller) / (2.0 * step)
+        for step in (1e-3 * value, 2e-3 * value)
+    )
+    assert slope == close_to((4.0 * near - far) / 3.0, rtol=0.0, atol=1e-8 * abs(slope).max())
+
+
+def test_interfaces_are_no_layers_of_a_range() -> None:
+    """Of a range an interface is left out, but where the number is one of interfaces; kinds may be a paint's."""
+    surface = {"interface": {"above": 1.0, "below": 1.5, "roughness": 0.1}}
+    inside = HAZE | {"host_index": 1.5}
+    content = make_content(
+        layer=[HAZE, surface, inside, {"interface": {"above": 1.5, "below": 1.0, "roughness": 0.1}}, HAZE]
+    )
+    family = vrte.SceneFamily(content, ["layer[1:5].thickness", "layer[1:5].interface.roughness"])
+    assert family.values.tolist() == [6.0, 0.1]
+    paint = {"pigment": "rutile", "volume_fraction": 0.1, "binder": 1.5, "thickness_um": 50.0}
+    family = vrte.SceneFamily({"wavelength_um": 0.55, "paint": paint}, "layer[rutile].thickness_um")
+    assert family.content_at([20.0])["layer"][1]["thickness_um"] == 20
+    layers = [{"material": "gold powder", "thickness": thickness} for thickness in (1.0, 3.0)]
+    family = vrte.SceneFamily({"wavelength_um": 0.55, "layer": layers}, 'layer["gold powder: gold"].thickness')
+    assert [layer["thickness"] for layer in family.content_at([8.0])["layer"]] == [2, 6]
+
+
+UNEQUAL = [FILM, HAZE, HAZE | {"albedo": 0.5, "thickness": np.inf}]
+WRONG_ACROSS = [  # a number of several layers, and why it is none
+    ("layer[1:9].thickness", '^"layer.1:9..thickness": a range of layers must ascend, from 1 at least to 3 at most$'),
+    ("layer[3:2].thickness", "must ascend, from 1"),
+    ("layer[0:2].thickness", "must ascend, from 1"),
+    ("layer[sand].thickness", '^"layer.sand..thickness": no layer holds particles "sand"$'),
+    ("layer[drop].thickness", 'layer.1. holds other particles too, which have one thickness with "drop"$'),
+    ("layer[1:2].thickness", r"^the scene has no layer\[1\]\.thickness$"),
+    ("layer[2:3].thickness", "is inf in all, and only a finite sum above 0 can be scaled$"),
+    (
+        "layer[2:3].albedo",
+        r"layer\[2\]\.albedo is 1 and layer\[3\]\.albedo is 0\.5; one number for several layers must",
+    ),
+    ("layer[1:3].interface.roughness", "there are only layers$"),
+    ("layer[2:3]", "is no key of a scene"),
+    (["layer[2:2].albedo", "layer[2].albedo"], "two of them are the same number"),
+]
+
+
+@pytest.mark.parametrize(("names", "words"), WRONG_ACROSS)
+def test_numbers_of_several_layers_that_are_none(names: Any, words: str) -> None:
+    with pytest.raises(vrte.SceneError, match=words):
+        vrte.SceneFamily(make_content(layer=UNEQUAL), names)
+
+
 DEPTH = "layer[2].thickness"
 WRONG: list[tuple[str | list[str], Any, str]] = [  # names, values, and why they are none
     ("layer[3].thickness", None, r"^the scene has no layer\[3\]\.thickness$"),

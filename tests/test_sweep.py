@@ -207,6 +207,20 @@ def test_values_are_put_where_their_keys_lead() -> None:
     assert (found["layer"][0]["phase"], found["nodes"]) == ({"henyey_greenstein": 0.5, "terms": 6}, 4)
 
 
+def test_an_axis_may_be_one_number_of_several_layers() -> None:
+    """Each scene is that of a stack whose layers keep their parts of the total, in the table and between its scenes."""
+    content = stacks({"total": {"key": "layer[1:2].thickness", "values": [0.5, 2.0]}})
+    tops = [layer["thickness"] for layer in content["layer"]]
+    table = vrte.sweep(content, workers=1)
+    for total in (0.5, 2.0):
+        layers = [layer | {"thickness": layer["thickness"] * total / sum(tops)} for layer in content["layer"]]
+        one = vrte.sweep(content | {"layer": layers, "axes": {"nodes": [6]}}, workers=1)
+        expected = one.mueller.values[0]
+        assert_close(table.mueller.sel(total=total).values, expected, rtol=1e-13, atol=1e-14)
+    assert np.isfinite(vrte.interpolate(table, {"total": 1.0}).mueller.values).all()
+    assert held_out(table, points=1).errors.size == 1
+
+
 @pytest.mark.parametrize("kind", ["brdf", "field"])
 def test_zarr_netcdf_and_memory_hold_the_same(kind: str, tmp_path: Path) -> None:
     axes = {"depth": {"key": "layer[1].thickness", "values": [0.1, 1, np.inf]}, "layer[1].albedo": [0.5, 1.0]}
@@ -284,6 +298,11 @@ REFUSED = [
     (simple({"a": {"key": ALBEDO, "start": 0, "stop": 1}}), "axes.a.count: is missing"),
     (simple({"a": {"key": ALBEDO, "start": 0, "stop": 1, "count": 2, "spacing": "log"}}), "start and stop above"),
     (simple({"a": {"key": ALBEDO, "vlues": [1]}}), "did you mean 'values'?"),
+    (
+        simple({"layer[1:2].albedo": [0.5]}),
+        'axes.layer[1:2].albedo: "layer[1:2].albedo": a range of layers must ascend, from 1',
+    ),
+    (simple({ALBEDO: [0.5], "a": {"key": "layer[1:1].albedo", "values": [0.5]}}), "two of them change the same"),
     (simple({ALBEDO: [0.5], "a": {"key": ALBEDO, "values": [0.5]}}), "two of them change the same"),
     (simple(LISTED | {"nodes": {"values": [2], "along": "sample"}}), "must have the same number of values"),
     (simple({ALBEDO: {"start": 0.4, "stop": 0.7, "count": 10**6}, "nodes": [*range(2, 2000)]}), "are too many"),

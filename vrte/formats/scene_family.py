@@ -23,17 +23,11 @@ from vrte.basics.errors import SceneError
 from vrte.formats.bases import BASES, read_base_table
 from vrte.formats.keys import Reading
 from vrte.formats.layers import FilledLayer
-from vrte.formats.materials import expand_materials, expand_paint, find_expanded_place
+from vrte.formats.materials import expand_materials, expand_paint
 from vrte.formats.particle_sources import Compute, check_particles, describe_particles, make_particles
 from vrte.formats.scene_file import FILE_KEYS, REQUESTS, SceneFile, make_scene_file, read_content
-from vrte.formats.toml_table import (
-    Table,
-    convert_to_plain_content,
-    convert_to_plain_number,
-    find_number,
-    put,
-    split_key,
-)
+from vrte.formats.scene_numbers import SceneNumber, find_places, find_scene_number, share_places
+from vrte.formats.toml_table import Table, convert_to_plain_content
 from vrte.optics.crowding import INDEPENDENT
 from vrte.optics.particles import Particles
 from vrte.optics.size_distribution import Held, SizeDistribution
@@ -55,35 +49,33 @@ Arrays = dict[tuple[str | int, ...], Any]  # what a scene is made of, by what an
 
 
 class ChangingFile:
-    """The content of a scene file in a folder with the ``names`` of some of its numbers, as sweeps have them, and their
-    ``places``; a paint, and where a number is of one a ready material, are expanded. Raises SceneError."""
+    """The content of a scene file in a folder with the ``names`` of some of its ``numbers``, as sweeps have them; a
+    paint, and where a number is of one a ready material, are expanded. Raises SceneError."""
 
     def __init__(self, content: dict[str, Any], names: Sequence[str], folder: Path) -> None:
         self.names, self.folder, self.optics = names, folder, Optics()
-        self.places = [find_expanded_place(content, split_key(name)) for name in names]
-        content = expand_paint(content)
-        for name, index in zip(names, self.places, strict=True):
-            if index[0] in REQUESTS:
-                raise SceneError(f"{put_in_one_line(name)} is of what is asked for, not of the scene")
-            try:
-                find_number(content, index, name)
-            except SceneError:
-                content = expand_materials(content, folder)  # it may be of a material that a layer names
-                find_number(content, index, name)
-        if len({*self.places}) != len(self.places):
+        self.content = expand_paint(content)
+        try:
+            self.numbers = self.find_numbers(content)
+        except SceneError:
+            self.content = expand_materials(self.content, folder)  # they may be of a material that a layer names
+            self.numbers = self.find_numbers(content)
+        if share_places(self.numbers):
             raise SceneError.of("names", "two of them are the same number")
-        self.content = content
 
-    @property
-    def values(self) -> list[float]:
-        """The numbers as the file has them."""
-        return [find_number(self.content, *both) for both in zip(self.places, self.names, strict=True)]
+    def find_numbers(self, given: Mapping[str, Any]) -> list[SceneNumber]:
+        """The numbers, of a content given with a paint or without. Raises SceneError."""
+        places = [find_places(self.content, name, given) for name in self.names]
+        for name, found in zip(self.names, places, strict=True):
+            if found[0][0] in REQUESTS:
+                raise SceneError(f"{put_in_one_line(name)} is of what is asked for, not of the scene")
+        return [find_scene_number(self.content, *both) for both in zip(self.names, places, strict=True)]
 
     def content_at(self, values: Array) -> dict[str, Any]:
         """The content with other values of its numbers."""
         found = copy.deepcopy(self.content)
-        for index, value in zip(self.places, values.tolist(), strict=True):
-            put(found, index, convert_to_plain_number(value) if math.isfinite(value) else value)
+        for number, value in zip(self.numbers, values.tolist(), strict=True):
+            number.put(found, value)
         return found
 
     def make(self, values: Array, compute: Compute) -> SceneFile:
@@ -243,7 +235,7 @@ class Neighbourhood:
         try:
             slopes = find_slopes(numbers_at, value, reach)
             draft.slopes = dict(zip(self.list_numbers(self.recipe), slopes, strict=True))
-            if file.places[which][0] in ("base", "wavelength_um"):
+            if file.numbers[which].places[0][0] in ("base", "wavelength_um"):
                 step = BASE_STEP * max(abs(value), LEAST_SCALE)
                 draft.base = vary_base(base_at, value, step)
             if self.needs_differences(draft):
@@ -339,7 +331,9 @@ class SceneFamily:
     names : str or sequence of str
         The numbers that change, as keys of axes of sweeps have them: "layer[1].thickness", "particles.gold.radius_um",
         "particles.gold.index[2]" for k where a file says [n, k], "wavelength_um", "base.albedo", "paint.thickness_um";
-        of a ready material that a layer names, 'particles."chalk: calcite".size.lognormal.sigma'.
+        of a ready material that a layer names, 'particles."chalk: calcite".size.lognormal.sigma'. One of several
+        layers, "layer[1:40].thickness", or of those with a kind of particles, "layer[dust].thickness": thicknesses are
+        the sum, of which each layer keeps its part; any other number is the same in all of them.
         Of a `Scene`: layer[k].thickness, layer[k].albedo, layer[k].coefficients[l].a1 to .b2, base.albedo and other
         numbers of its base, interface[k].index and .roughness.
     folder : path, optional
@@ -385,7 +379,7 @@ class SceneFamily:
         """The numbers as the source has them, (n,)."""
         if self._file is None:
             return freeze_copy(np.array([variation.value for variation in self._vary_scene(self._scene)], float))
-        return freeze_copy(np.array(self._file.values, float))
+        return freeze_copy(np.array([number.value for number in self._file.numbers], float))
 
     @cached_property
     def limits(self) -> dict[str, tuple[float, float]]:

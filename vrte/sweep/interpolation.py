@@ -20,7 +20,6 @@ from vrte.basics.arrays import Array, check_number, check_whole
 from vrte.basics.errors import SceneError
 from vrte.basics.splines import compute_weights
 from vrte.formats.scene_file import make_scene_file
-from vrte.formats.toml_table import convert_to_plain_number, put, split_key
 from vrte.sweep.chunks import make_processor_solver
 from vrte.sweep.results import make_scene_request
 from vrte.sweep.template import Sweep, read_sweep
@@ -193,7 +192,7 @@ def solve_point(sweep: Sweep, point: dict[str, float]) -> Any:
     """The BRDF of the scene at a point."""
     content = sweep.content((0,) * len(sweep.shape))
     for axis in sweep.axes:
-        put(content, split_key(axis.key), convert_to_plain_number(point[axis.name]))
+        axis.number.put(content, point[axis.name])
     (found,) = make_processor_solver()([make_scene_request(make_scene_file(content, sweep.kind, sweep.folder))])
     if isinstance(found, Exception):
         raise found

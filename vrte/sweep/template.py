@@ -23,24 +23,14 @@ from typing import Any
 import numpy as np
 
 from vrte.appearance.panel import make_panel
-from vrte.basics.arrays import Array
+from vrte.basics.arrays import Array, put_in_one_line
 from vrte.basics.errors import Place, SceneError
 from vrte.formats.contents import WAVELENGTH
-from vrte.formats.materials import expand_paint, find_expanded_place
+from vrte.formats.materials import expand_paint
 from vrte.formats.particle_sources import Compute
 from vrte.formats.scene_file import SceneFile, find_named_tables, make_scene_file, read_content
-from vrte.formats.toml_table import (
-    RANGE_KEYS,
-    Table,
-    convert_to_plain_content,
-    convert_to_plain_number,
-    find_number,
-    is_number,
-    put,
-    show_place,
-    show_toml,
-    split_key,
-)
+from vrte.formats.scene_numbers import SceneNumber, find_places, find_scene_number, share_places
+from vrte.formats.toml_table import RANGE_KEYS, Table, convert_to_plain_content, is_number, show_place, show_toml
 from vrte.optics.particles import Particles, find_host_index
 from vrte.optics.phase_matrix import isotropic
 from vrte.sweep.results import RESERVED, TABLE, AskedAppearance, Results, Sample, describe_results, read_asked
@@ -56,12 +46,12 @@ VALUES = "a list of numbers, or { start, stop, count }"
 
 @dataclass(frozen=True, eq=False)
 class SweepAxis:
-    """One number of the scene that changes: ``key`` its dotted path, ``places`` the same as keys of tables and places
-    in lists, ``values`` (n,), ``dimension`` the name of what it changes along."""
+    """A ``number`` of the scene that changes: ``key`` its dotted path, ``values`` (n,), ``dimension`` the name of the
+    dimension along which it does."""
 
     name: str
     key: str
-    places: Place
+    number: SceneNumber
     values: Array
     dimension: str
 
@@ -117,7 +107,7 @@ class Sweep:
         found = copy.deepcopy(self.template)
         where = dict(zip(self.dimensions, place, strict=True))
         for axis in self.axes:
-            put(found, axis.places, convert_to_plain_number(axis.values[where[axis.dimension]]))
+            axis.number.put(found, axis.values[where[axis.dimension]])
         return found
 
     def fingerprint(self) -> str:
@@ -149,13 +139,14 @@ def read_sweep(source: str | os.PathLike[str] | Mapping[str, Any], folder: Path 
         raise SceneError("axes is missing: a sweep needs a table [axes] with at least one axis")
     if len(table) > MOST_AXES:
         raise SceneError(f"axes: there must be at most {MOST_AXES} of them, not {len(table)}")
-    axes = tuple(read_axis(content, name, value) for name, value in table.items())
-    sweep = Sweep(expand_paint(content), axes, (folder or Path()).absolute())
+    template = expand_paint(content)
+    axes = tuple(read_axis(content, template, name, value) for name, value in table.items())
+    sweep = Sweep(template, axes, (folder or Path()).absolute())
     check(sweep)
     return sweep
 
 
-def read_axis(content: dict[str, Any], name: str, value: Any) -> SweepAxis:
+def read_axis(content: dict[str, Any], template: dict[str, Any], name: str, value: Any) -> SweepAxis:
     """One entry of [axes]; an axis along a number of [paint] is that of the scene that the paint stands for, so that
     the table's own content can be read again. Raises SceneError for a number that no scene has of its own."""
     table = Table(("axes", name), value if isinstance(value, dict) else {"values": value}, AXIS_KEYS)
@@ -164,13 +155,14 @@ def read_axis(content: dict[str, Any], name: str, value: Any) -> SweepAxis:
         if not isinstance(given, str) or not given:
             raise table.wrong(word, "must be a name")
     try:
-        places = split_key(key)
+        places = find_places(template, key, content)
+        if places[0][0] in FIXED:
+            raise SceneError(f"{show_toml(key)} is the same for all scenes of a table")
+        key = show_place(places[0], None) if "paint" in content and len(places) == 1 else key
+        number = find_scene_number(template, key, places, default=0.0)  # which may be put there
     except SceneError as error:
-        raise table.unfit(str(error)) from error
-    if places[0] in FIXED:
-        raise table.unfit(f"{show_toml(key)} is the same for all scenes of a table")
-    values, expanded = read_values(table), find_expanded_place(content, places)
-    return SweepAxis(name, key if expanded == places else show_place(expanded, None), expanded, values, dimension)
+        raise SceneError(f"axes.{put_in_one_line(name)}: {error}", *table.place) from error
+    return SweepAxis(name, key, number, read_values(table), dimension)
 
 
 def read_values(table: Table) -> Array:
@@ -198,15 +190,10 @@ def check(sweep: Sweep) -> None:
     """Checks a sweep before anything is computed. Raises SceneError."""
     check_dimensions(sweep)
     for axis in sweep.axes:
-        if sweep.kind == TABLE and axis.places == ("wavelength_um",):
+        if sweep.kind == TABLE and axis.number.places == (("wavelength_um",),):
             words = f"an appearance is of all wavelengths of {TABLE}.wavelengths_um together"
             raise SceneError(f"axes.{axis.name}: {words}")
-        try:  # such a number is in the template, or may be put there
-            find_number(sweep.template, axis.places, axis.key, default=0.0)
-        except SceneError as error:
-            raise SceneError(f"axes.{axis.name}: {error}") from None
-    keys = [axis.places for axis in sweep.axes]
-    if len(set(keys)) != len(keys):
+    if share_places([axis.number for axis in sweep.axes]):
         raise SceneError("axes: two of them change the same number")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # each scene warns of it
@@ -255,7 +242,8 @@ def list_roughnesses(sweep: Sweep, with_base: bool = True) -> set[float]:
     surfaces: dict[Place, Any] = {("layer", k, "interface"): one for k, one in enumerate(layers)}
     tables = {place: one["interface"] for place, one in surfaces.items() if "interface" in one}
     tables |= {("base",): base} if with_base and base.get("kind") in SURFACES else {}
-    changed = {axis.places[:-1]: axis.values for axis in sweep.axes if axis.places[-1] == "roughness"}
+    moved = [(place, axis.values) for axis in sweep.axes for place in axis.number.places]
+    changed = {place[:-1]: values for place, values in moved if place[-1] == "roughness"}
     values = [changed.get(place, [table.get("roughness", 0.0)]) for place, table in tables.items()]
     return {float(value) for some in values for value in some}
 
@@ -296,9 +284,10 @@ def list_shared_particles(sweep: Sweep) -> Iterator[tuple[str, tuple[int, ...]]]
         moved_by = {
             axis.dimension
             for axis in sweep.axes
-            if axis.places in (("wavelength_um",), ("host_index",))
-            or axis.places[:2] == ("particles", name)
-            or (axis.places[0] == "layer" and axis.places[-1] == "host_index")
+            for place in axis.number.places
+            if place in (("wavelength_um",), ("host_index",))
+            or place[:2] == ("particles", name)
+            or (place[0] == "layer" and place[-1] == "host_index")
         }
         lengths = tuple(length if name in moved_by else 1 for name, length in sweep.dimensions.items())
         if math.prod(lengths) < sweep.count:
