@@ -70,7 +70,7 @@ def test_all_of_it(opencl: Session, monkeypatch: pytest.MonkeyPatch, capsys: pyt
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "name", ["double_on", "join_slabs", "invariance_converge", "add_orders", "add_scattering", "times_coefficients"]
+    "name", ["double_slabs", "join_slabs", "invariance_converge", "add_orders", "add_scattering", "times_coefficients"]
 )
 def test_each_kernel_matters(
     opencl: Session, name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -7,14 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vrte import _core
-from vrte.basics.arrays import Array
+from vrte.basics.arrays import Array, IntArray
 from vrte.basics.running import ThreadTeam
 from vrte.cl.doubling import Frame, compute_householder_vector, put_blocks
 from vrte.cl.matrices import PANEL, make_stack, pad_to_strips, upload_stack
 from vrte.cl.session import Session
 from vrte.cl.stages import stand_in_for
-
-IntArray = NDArray[np.int32]
 
 
 @dataclass(frozen=True, eq=False)
