@@ -210,7 +210,7 @@ class Device:
     def add_up(self, results: Sequence[Sum], run: Run, told: Callable[[int], None]) -> None:
         """As the processor does, with the device's stages; single scattering always in doubles, by the processor where
         the device has none."""
-        doubles, calls = self.in_doubles, WaitingCalls(run)
+        doubles, room, calls = self.in_doubles, self.piece_bytes, WaitingCalls(run)
         scatter = partial(sums.add_single_scattering, doubles) if doubles else _core.add_single_scattering
         stages = SimpleNamespace(
             azimuthal_sum=partial(calls.add, "fourier sum", partial(sums.azimuthal_sum, self.session)),
@@ -218,11 +218,11 @@ class Device:
         )
 
         def advance(done: int) -> None:
-            if calls.size >= min(TOGETHER, self.piece_bytes):
+            if calls.size >= min(TOGETHER, room):
                 calls.perform()
             told(done)
 
-        Processor(piece_bytes=self.piece_bytes).add_up(results, replace_unchecked(run, kernels=stages), advance)
+        Processor(piece_bytes=room).add_up(results, replace_unchecked(run, kernels=stages), advance)
         calls.perform()
 
 
