@@ -286,6 +286,27 @@ def test_what_cannot_be_fitted_is_refused_before_the_work(
     assert reported.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    "bottom",
+    [
+        [],
+        [{"interface": {"above": 1.3, "below": 1.1}}],
+        [{"interface": {"above": 1.3, "below": 1.1, "roughness": 0.3}}],
+    ],
+)
+def test_light_that_gets_through_has_derivatives(bottom: list[dict[str, Any]]) -> None:
+    """What is weighed below the last interface, or below a layer without one, meets the stack from there."""
+    film = {"phase": "rayleigh", "albedo": 0.9, "thickness": 0.3, "host_index": 1.3}
+    content = {"nodes": 8, "layer": [{"interface": {"above": 1.0, "below": 1.3}}, film, *bottom]}
+    rows = vrte.Measurement(["diffuse_reflectance", "diffuse_transmittance"], 0.1, 1.0, theta_i_deg=30.0)
+    free = ["layer[2].albedo", "layer[2].thickness"]
+    (_, slopes), (_, expected) = (
+        (model := make_model(rows, content, free, jacobian=how)).linearize(model.start)
+        for how in ("exact", "differences")
+    )
+    assert_close(slopes, expected, rtol=1e-7, atol=0.0)
+
+
 @pytest.mark.slow
 def test_derivatives_of_every_kind_of_quantity_are_those_of_differences() -> None:
     """Beams, ports, ratios and colours among them, through particles, thickness and an interface."""

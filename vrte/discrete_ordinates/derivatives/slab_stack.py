@@ -293,9 +293,7 @@ class Fields:
         above = found[:, 0, ARRIVING].copy()  # what comes down upon the top goes on as what lies there lets it
         found[:, 0, ARRIVING] = 0.0
         if extra and route.kind[0] == SMOOTH:
-            up = route.blocks[0, 3].reshape(-1, *2 * [len(problem.stokes)])
-            lit = above.reshape(*above.shape[:2], *up.shape[:2])
-            found[:, 0, ENTERING] += np.einsum("orja,jab->orjb", lit, up).reshape(above.shape)
+            found[:, 0, ENTERING] += self.pass_smooth(above, route.blocks[0, 3])
         elif extra and route.kind[0] == ROUGH:
             found[:, 0, ENTERING] += above @ route.rough_interfaces[0].up.nodes[self.orders]
         elif extra:
@@ -303,11 +301,25 @@ class Fields:
             first = problem.size - R.N.shape[-1]
             found[:, 0, RISING, :, first:] += above[..., first:] @ R.N
             found[:, 1, ARRIVING, :, first:] += above[..., first:] @ T.N
+        below = found[:, -1, RISING].copy()  # as much of what rises upon the bottom from below
+        found[:, -1, RISING] = 0.0
+        if extra and route.kind[-1] == SMOOTH:
+            found[:, -1, LEAVING] += self.pass_smooth(below, route.blocks[-1, 2])
+        elif extra and route.kind[-1] == ROUGH:
+            found[:, -1, LEAVING] += below @ list(route.rough_interfaces.values())[-1].down.nodes[self.orders]
+        elif extra:
+            found[:, -1, LEAVING] += below
         route.join(self.orders, self.slabs, found, run, transposed=True)
-        found[:, 0, ARRIVING] = above
+        found[:, 0, ARRIVING], found[:, -1, RISING] = above, below
         if route.kind[0] == CUT:
             found[:, 0, ENTERING] += above
         return found, extra
+
+    def pass_smooth(self, weights: Array, blocks: Array) -> Array:
+        """Weights (order, r, n) of light behind a smooth interface, of ``blocks`` (n, S), as those of what meets it."""
+        each = blocks.reshape(-1, *2 * [len(self.route.problem.stokes)])
+        lit = weights.reshape(*weights.shape[:2], *each.shape[:2])
+        return np.einsum("orja,jab->orjb", lit, each).reshape(weights.shape)
 
     def weigh_flux(self, found: Array, seen: int) -> None:
         """Puts what fluxes weigh into order 0 (interface, 4, r_weights, n), up at all depths, then down."""

@@ -31,6 +31,7 @@ GRADED_TERMS = 1.2  # terms that a node with grading 2 carries, at most
 DOUBLING = 1.6  # cube root of the time of doubling over that of modes
 MOST_GRADED = 64  # largest number of nodes with grading 2: their lowest cosine is 3e-8
 MIRRORING = 1.1  # least ratio of refractive indices at which total reflection makes light near the horizon smooth
+MIRRORED = 0.1  # least optical thickness of the layers of a medium for that: one of 1.7e-5 was off by 2.5 times the promise
 OF_NODES = np.array([LOWEST, 0.1, 0.35, 0.7, 1.0])  # |mu| compared where light along the nodes is requested
 
 
@@ -89,9 +90,10 @@ def find_next_count(scene: Scene, nodes: int) -> int | None:
 
 
 def has_mirrored_horizon(scene: Scene) -> bool:
-    """Whether every layer's light is reflected totally near its horizon, since the rarest medium has none: light that
-    goes up and light that goes down are then one smooth function of the cosine."""
-    return min(scene.media) * MIRRORING <= min(scene.indices)
+    """Whether every layer's light is reflected totally near its horizon, since the rarest medium has none, and layers
+    are thick: light that goes up and light that goes down are then one smooth function of the cosine."""
+    thinnest = min(find_scattering_thickness(scene).values(), default=math.inf)
+    return thinnest >= MIRRORED and min(scene.media) * MIRRORING <= min(scene.indices)
 
 
 def find_scattering_thickness(scene: Scene) -> dict[float, float]:
