@@ -31,7 +31,7 @@ GRADED_TERMS = 1.2  # terms that a node with grading 2 carries, at most
 DOUBLING = 1.6  # cube root of the time of doubling over that of modes
 MOST_GRADED = 64  # largest number of nodes with grading 2: their lowest cosine is 3e-8
 MIRRORING = 1.1  # least ratio of refractive indices at which total reflection makes light near the horizon smooth
-MIRRORED = 0.1  # least optical thickness of the layers of a medium for that: one of 1.7e-5 was off by 2.5 times the promise
+MIRRORED = 0.1  # least optical thickness of the layers of a medium for that: one of 1.7e-5 missed its promise by 2.5
 OF_NODES = np.array([LOWEST, 0.1, 0.35, 0.7, 1.0])  # |mu| compared where light along the nodes is requested
 
 
