@@ -1,5 +1,6 @@
 """What is promised is kept: scenes drawn by chance, solved to an accuracy, beside as many nodes as it takes."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ def find_reference(one: Asked, accuracy: float, counts: tuple[int, ...]) -> tupl
     return found, difference
 
 
-def check(seeds: range, finest: float, counts: tuple[int, ...]) -> None:
+def check(seeds: Sequence[int], finest: float, counts: tuple[int, ...]) -> None:
     promised, undecided, broken = 0, 0, []
     for seed in seeds:
         one = asked(seed, surfaced)
@@ -46,6 +47,11 @@ def check(seeds: range, finest: float, counts: tuple[int, ...]) -> None:
 @pytest.mark.filterwarnings("ignore::vrte.LongSolveWarning")
 def test_thirty_scenes() -> None:
     check(range(30, 60), -4.0, (16, 24, 32, 48, 64))
+
+
+def test_scenes_of_the_five_hundred_that_broke_them() -> None:
+    """Under a surface: one layer of 1.7e-5, off by 2.5 times the accuracy, and one of 7 on 8 nodes, by 1.16 times."""
+    check([157, 435], -5.0, (24, 32, 48, 64))
 
 
 @pytest.mark.slow

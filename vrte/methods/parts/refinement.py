@@ -31,7 +31,7 @@ from vrte.scene.scene import Scene
 AZIMUTHS = 9  # compared, at most
 ROUNDING, STALLED = 1e-9, 0.5  # differences below the former that do not fall to this part of the last are rounding
 STEADY = 0.1  # optical thickness of what scatters in a medium from which on errors fall steadily with more nodes
-DEEP = 30.0  # how many times as thick one layer has to be for that under a surface
+DEEP, PANELS = 30.0, 12  # how many times as thick one layer has to be for that under a surface, and nodes it takes
 LEAST_TREND = 0.1  # error of a count over that of the one before, at least, as far as it is believed
 Solve = Callable[[Sequence[Request]], Sequence[Answer]]
 
@@ -100,6 +100,7 @@ def estimate_error(differences: dict[int, float], scene: Scene) -> float:
     thinnest = min(find_scattering_thickness(scene).values(), default=np.inf)
     if scene.keeps_beams or scene.is_rough:
         even = has_mirrored_horizon(scene) and len(scene.layers) == 1 and not scene.is_rough
+        even = even and max(differences, default=0) >= PANELS  # on 8 one was off by more than the last difference
         thinnest = thinnest / DEEP if even else 0.0
     if thinnest < STEADY or not 0.0 < last < before < np.inf:
         return max(last, LEAST_TREND * before) if last < before < np.inf else last
