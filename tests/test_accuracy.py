@@ -86,8 +86,8 @@ def test_few_more_nodes_are_chosen_than_the_fewest_that_hold(name: str) -> None:
 
 
 def test_a_steady_fall_of_differences_is_believed_and_no_other() -> None:
-    """The finest count is off by the trend in thick layers, under a smooth surface on 12 nodes and more: elsewhere two counts
-    may agree by chance."""
+    """The finest count is off by the trend in thick layers, under a smooth surface on 12 nodes and more: elsewhere two
+    counts may agree by chance."""
     thick, thin = vrte.Scene([vrte.Layer(RAYLEIGH, 0.9, 1.0)]), vrte.Scene([vrte.Layer(RAYLEIGH, 0.9, 0.01)])
     deep = vrte.Layer(RAYLEIGH, 0.9, 5.0)
     rough, smooth = (vrte.Scene([vrte.Interface(1.0, 1.5, roughness=r), deep]) for r in (0.3, 0.0))
