@@ -229,10 +229,14 @@ class Device:
 @dataclass(eq=False)
 class WaitingCalls:
     """Calls of the sums' stages that wait until they are performed, those that differ in the arrays of `STACKED` alone
-    in one call; ``waiting``: by what they have in common, their arguments; ``size``: bytes of those arrays."""
+    in one call; ``waiting``: by what they have in common and a number, their arguments; ``last``: the number of the
+    newest calls that add to a table, by its address, since each table is added to in the order of the calls; ``size``:
+    bytes of those arrays."""
 
     run: Run
     waiting: dict[Any, list[dict[str, Any]]] = field(default_factory=dict)
+    newest: dict[Any, int] = field(default_factory=dict)
+    last: dict[int, int] = field(default_factory=dict)
     size: float = 0.0
 
     def add(self, name: str, stage: Callable[..., Any], crew: ThreadTeam, **given: Any) -> None:
@@ -241,19 +245,24 @@ class WaitingCalls:
             (key, value) if not isinstance(value, np.ndarray) else (key, value.shape, key in STACKED or value.tobytes())
             for key, value in given.items()
         )
-        self.waiting.setdefault((name, stage, *shared), []).append(given)
+        common, table = (name, stage, *shared), given["out"].__array_interface__["data"][0]
+        number = self.newest.get(common, -1)
+        if number < self.last.get(table, 0):
+            number = self.newest[common] = len(self.waiting)
+        self.last[table] = number
+        self.waiting.setdefault((number, *common), []).append(given)
         self.size += sum(given[key].nbytes for key in STACKED.keys() & given.keys())
 
     def perform(self) -> None:
         """All calls that wait."""
-        for (name, stage, *_), calls in self.waiting.items():
+        for (_, name, stage, *_), calls in self.waiting.items():
             joined = calls[0] if len(calls) == 1 else join_calls(calls)
             with self.run.timed(name) as crew:
                 stage(crew, **joined)
             if len(calls) > 1:
                 for call, found in zip(calls, np.split(joined["out"], len(calls)), strict=True):
                     call["out"][...] += found
-        self.waiting, self.size = {}, 0.0
+        self.waiting, self.newest, self.last, self.size = {}, {}, {}, 0.0
 
 
 def join_calls(calls: Sequence[dict[str, Any]]) -> dict[str, Any]:
