@@ -21,6 +21,7 @@ ROOT = Path(__file__).resolve().parent.parent
 LEFT = shutil.ignore_patterns(".git", ".venv*", ".*_cache", ".hypothesis", "out", "build", "dist", "__pycache__")
 PYTEST = (sys.executable, "-m", "pytest", "-q", "--no-header", "--tb=no", "-p", "no:cacheprovider", "-rfE")
 LONGEST = 1800  # seconds of a run of the tests: a fault that makes a loop endless is caught by the clock
+PLANTED = "tests/test_house.py::test_faults_can_still_be_planted"  # fails with any fault
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,11 @@ class Fault:
     new: str
     why: str
     tests: str
+
+    @property
+    def is_compiled(self) -> bool:
+        """Whether the core has to be built again."""
+        return self.file.startswith("core/")
 
 
 def list_faults(*rows: tuple[str, str, str, str, str, str]) -> tuple[Fault, ...]:
@@ -154,7 +160,7 @@ class Copy:
     """A copy of the source in ``folder``, where faults are planted and tests run."""
 
     def __init__(self, folder: Path) -> None:
-        self.folder, self.red = folder, set[str]()
+        self.folder, self.red = folder, {PLANTED}
         shutil.copytree(ROOT, folder, ignore=LEFT)
         setup = folder / "setup.py"
         setup.write_text(setup.read_text().replace('"-O3"', '"-O0"'))
@@ -189,13 +195,13 @@ class Copy:
         if text.count(fault.old) != 1:
             raise SystemExit(f"{fault.name}: {fault.old!r} stands {text.count(fault.old)} times in vrte/{fault.file}")
         path.write_text(text.replace(fault.old, fault.new))
-        if fault in CORE:
+        if fault.is_compiled:
             self.run([sys.executable, "setup.py", "-q", "build_ext", "--inplace", "--force"], check=True)
         return text
 
     def restore(self, fault: Fault, text: str) -> None:
         (self.folder / "vrte" / fault.file).write_text(text)
-        for path, content in self.core.items() if fault in CORE else ():
+        for path, content in self.core.items() if fault.is_compiled else ():
             path.write_bytes(content)
 
 
@@ -214,7 +220,7 @@ def main() -> int:
         copy, whole = Copy(Path(folder) / "vrte"), False
         named = {fault: [f"tests/test_{name}.py" for name in fault.tests.split()] for fault in chosen}
         copy.red |= {*copy.find_failures(sorted({file for files in named.values() for file in files}), first=False)}
-        print("".join(f"fails without a fault: {test}\n" for test in sorted(copy.red)), end="", flush=True)
+        print("".join(f"fails without a fault: {test}\n" for test in sorted(copy.red - {PLANTED})), end="", flush=True)
         for fault in chosen:
             begin, text = time.monotonic(), copy.plant(fault)
             failed = copy.find_failures(named[fault])
