@@ -33,7 +33,7 @@ help:
 	@echo "make clean        removes what was built and written, not .venv"
 
 # The package itself, editable, with its compiled core; built again when one of these files changes.
-$(VENV)/core.stamp: pyproject.toml setup.py vrte/_core.pyx $(wildcard vrte/core/*) .ci/prerequisites
+$(VENV)/core.stamp: pyproject.toml setup.py vrte/_core.pyx $(wildcard vrte/core/*.* vrte/core/kernels/*) .ci/prerequisites
 	@sh .ci/prerequisites $(PYTHON)
 	@echo "Making $(VENV) and building the package: about two minutes the first time"
 	@$(PYTHON) -m venv $(VENV)
@@ -146,7 +146,7 @@ test-lowest: $(LOWEST)/stamp
 	$(LOWEST)/bin/python -m pytest -q -n 2 --dist loadfile -W ignore::DeprecationWarning -W ignore::FutureWarning \
 		$(ABOUT_DEPENDENCIES)
 
-$(LOWEST)/stamp: pyproject.toml setup.py vrte/_core.pyx $(wildcard vrte/core/*) .ci/prerequisites
+$(LOWEST)/stamp: pyproject.toml setup.py vrte/_core.pyx $(wildcard vrte/core/*.* vrte/core/kernels/*) .ci/prerequisites
 	@sh .ci/prerequisites $(PYTHON)
 	@echo "Making $(LOWEST) with the oldest packages that are allowed"
 	@$(PYTHON) -m venv --clear $(LOWEST)

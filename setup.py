@@ -58,7 +58,7 @@ core = Extension(
     ["vrte/_core.pyx"],
     include_dirs=[numpy.get_include(), "vrte", str(declared)],
     # its stages: a change of one builds the core anew
-    depends=sorted([*glob("vrte/core/**", recursive=True), *glob(f"{declared}/*")]),
+    depends=sorted([*glob("vrte/core/**/*.*", recursive=True), *glob(f"{declared}/*")]),
     define_macros=[("NPY_NO_DEPRECATED_API", "NPY_2_0_API_VERSION")],
     extra_compile_args=[] if os.name == "nt" else ["-O3", "-g0", "-fno-math-errno", "-fno-trapping-math"],
 )
