@@ -124,20 +124,57 @@ def test_sources_that_are_not_built_say_what_to_do(tmp_path: Path) -> None:
     )
 
 
-def test_the_version_without_tags_comes_before_the_newest_section_of_the_changelog(tmp_path: Path) -> None:
-    """Of a repository of two commits, which takes its version as this one does."""
+@pytest.fixture
+def clone(tmp_path: Path) -> Path:
+    """A repository of two commits without a tag, which takes its version as this one does."""
     if shutil.which("git") is None or not (ROOT / ".git_archival.txt").is_file():
         pytest.skip("no git, or a source archive")
+    folder = tmp_path / "clone"
+    folder.mkdir()
     for name in ("pyproject.toml", ".git_archival.txt", ".gitattributes"):
-        shutil.copy(ROOT / name, tmp_path / name)
-    run("git", "init", "--quiet", "--initial-branch", "main", folder=tmp_path)
-    run("git", "config", "user.name", "A test", folder=tmp_path)
-    run("git", "config", "user.email", "", folder=tmp_path)
-    run("git", "add", ".", folder=tmp_path)
-    for _ in range(2):
-        run("git", "commit", "--quiet", "--allow-empty", "--message", "one more", folder=tmp_path)
-    version = run(sys.executable, "-m", "setuptools_scm", folder=tmp_path).strip()
-    assert re.fullmatch(rf"{re.escape(RELEASED[0])}\.dev2\+g\w+", version)
+        shutil.copy(ROOT / name, folder / name)
+    run("git", "init", "--quiet", "--initial-branch", "main", folder=folder)
+    run("git", "config", "user.name", "A test", folder=folder)
+    run("git", "config", "user.email", "", folder=folder)
+    run("git", "add", ".", folder=folder)
+    commit(folder)
+    commit(folder)
+    return folder
+
+
+def commit(clone: Path) -> None:
+    run("git", "commit", "--quiet", "--allow-empty", "--message", "one more", folder=clone)
+
+
+def find_version(folder: Path) -> str:
+    """The version that a build of the sources in ``folder`` would have."""
+    return run(sys.executable, "-m", "setuptools_scm", folder=folder).strip()
+
+
+def unpack_archive(clone: Path, folder: Path) -> Path:
+    """The zip file of a clone that a host offers, in ``folder``: without .git."""
+    folder.mkdir()
+    run("git", "archive", "--output", folder / "all.tar", "HEAD", folder=clone)
+    with tarfile.open(folder / "all.tar") as archive:
+        archive.extractall(folder, filter="data")
+    return folder
+
+
+def test_the_version_without_tags_comes_before_the_newest_section_of_the_changelog(clone: Path) -> None:
+    assert re.fullmatch(rf"{re.escape(RELEASED[0])}\.dev2\+g\w+", find_version(clone))
+
+
+@pytest.mark.slow
+def test_the_version_of_shallow_clones_archives_and_tags(clone: Path) -> None:
+    run("git", "clone", "--quiet", "--depth", "1", clone.as_uri(), clone.parent / "shallow", folder=clone.parent)
+    assert re.fullmatch(r"\d+\.\d+\.\d+\.dev1\+g\w+", find_version(clone.parent / "shallow"))
+    assert re.fullmatch(r"\d+\.\d+\.\d+\.dev0", find_version(unpack_archive(clone, clone.parent / "zip")))
+    run("git", "tag", "v1.2.0", folder=clone)
+    assert find_version(clone) == find_version(unpack_archive(clone, clone.parent / "tagged")) == "1.2.0"
+    commit(clone)
+    assert re.fullmatch(r"1\.2\.1\.dev1\+g\w+", find_version(clone))
+    shutil.rmtree(clone / ".git")
+    assert re.fullmatch(r"\d+\.\d+\.\d+\.dev0", find_version(clone))
 
 
 @pytest.mark.skipif(os.name == "nt", reason="the paths of an environment differ there")
@@ -152,6 +189,7 @@ def test_a_wheel_from_the_source_archive_works_elsewhere_without_a_compiler(tmp_
     data = {f"vrte/{folder}/{path.name}" for folder in DATA for path in (ROOT / "vrte" / folder).glob(DATA[folder])}
     assert len(data) > 20
     wanted = data | {f"vrte/core/{path.name}" for path in (ROOT / "vrte" / "core").glob("*.*")}
+    wanted |= {f"vrte/core/kernels/{path.name}" for path in (ROOT / "vrte" / "core" / "kernels").glob("*.h")}
     wanted |= {"vrte/_core.pyx", "setup.py", "LICENSE", "examples/gold_powder.toml", "tests/stability_oracle.npz"}
     assert wanted <= kept
     assert not [name for name in kept if name.endswith((".c", ".so", ".pyc"))]

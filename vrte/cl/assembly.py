@@ -37,7 +37,7 @@ class Scattering(Placed):
 
     @property
     def items(self) -> int:
-        """How many there are."""
+        """Number of items, each an order of a material."""
         return int(self.order.size)
 
     @property
@@ -55,7 +55,7 @@ class Scattering(Placed):
 def upload_scattering(
     session: Session, order: Any, material: Any, coefficients: Any, terms: Any, albedo: Any, members: Any
 ) -> Scattering:
-    """Of arrays of the host."""
+    """What phase matrices of the host are made of, on the device."""
     places = (session.constant(np.asarray(each, np.int32)) for each in (order, material))
     materials = (session.constant(each) for each in (coefficients, terms, albedo))
     return Scattering(tuple(int(each) for each in members), *places, *materials)

@@ -145,7 +145,7 @@ BOUNDARIES = {"marshak": 2.0, "mark": float(np.sqrt(3.0)), "milne": 3.0 * 0.7104
 
 
 def solve_by_diffusion(task: Task) -> Answer:
-    """Orders 0 and 1."""
+    """Diffusion: the moments of order 0 and 1 of the radiance."""
     problem = cut_to_two(task.request)
     c = BOUNDARIES[task.settings["boundary"]]
     return answer_two_fluxes(task, problem, solve_diffusion(problem, task.request.scene.below, c, task.run))

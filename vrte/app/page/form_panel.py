@@ -215,7 +215,7 @@ class FormPanel:
         button.on("click", ask, js_handler=script, args=[])
 
     async def take_file(self, event: Any) -> None:
-        """Takes the chosen file."""
+        """Puts the chosen file into the form."""
         place, suffixes, most = self.asked
         self.upload.reset()
         name = str(event.file.name)

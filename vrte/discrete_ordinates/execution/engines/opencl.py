@@ -84,7 +84,7 @@ class Found:
     residuals: dict[str, Array]
 
     def part(self, items: slice) -> Orders:
-        """Some of them."""
+        """The light of some items, with their residuals."""
         up, down = self.flux[items.start].swapaxes(0, 1)
         return Orders(self.kernels[items], up, down, {name: values[items] for name, values in self.residuals.items()})
 
@@ -254,7 +254,7 @@ class WaitingCalls:
         self.size += sum(given[key].nbytes for key in STACKED.keys() & given.keys())
 
     def perform(self) -> None:
-        """All calls that wait."""
+        """Makes all waiting calls, and adds what joined ones find to each table."""
         for (_, name, stage, *_), calls in self.waiting.items():
             joined = calls[0] if len(calls) == 1 else join_calls(calls)
             with self.run.timed(name) as crew:
