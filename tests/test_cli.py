@@ -61,6 +61,7 @@ REFUSED = [  # a command line, words of the complaint, and of the page that says
     ("bdrf", "invalid choice: 'bdrf'"),
     ("brdf", "SCENE.toml"),
     ("brdf absent.toml -o out.nc", "error: absent.toml: No such file"),
+    ("sweep absent.toml -o out.nc", "error: absent.toml: No such file"),
     ("brdf . -o out.nc", "Is a directory"),
     ("brdf scene.toml -o out.nc --threads 0", "must be a whole number from 1 to 4096, not '0'"),
     ("brdf scene.toml -o out.nc --threads many", "must be a whole number from 1 to 4096, not 'many'"),

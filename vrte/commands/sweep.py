@@ -8,7 +8,7 @@ import numpy as np
 
 from vrte import __version__
 from vrte.basics.errors import SceneError, SweepError
-from vrte.commands.common import check_extra, make_option_reader, report_written, show_progress
+from vrte.commands.common import check_extra, label_errors, make_option_reader, report_written, show_progress
 from vrte.sweep import sweep
 from vrte.sweep.page.writing import check_sweep_for_page, save_page
 from vrte.sweep.template import read_sweep
@@ -27,8 +27,10 @@ def check(options: argparse.Namespace) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
+    with label_errors(options.file, reading=True):
+        asked = read_sweep(options.file)
     if options.page is not None:
-        check_sweep_for_page(read_sweep(options.file))
+        check_sweep_for_page(asked)
     start = time.monotonic()
     with show_progress() as (phase, tick):
         phase("scenes")
