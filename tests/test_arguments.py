@@ -69,6 +69,7 @@ ALSO = {
 }  # fmt: skip
 
 RAYLEIGH = vrte.rayleigh()
+FLAKES = vrte.flakes(0.3 + 3.0j)
 LAYER = vrte.Layer(RAYLEIGH, 0.9, 0.5)
 SCENE = vrte.Scene([LAYER], vrte.Lambertian(0.3))
 EVEN = {"kind": "lambertian", "albedo": 0.2}
@@ -132,7 +133,7 @@ def list_calls(made: dict[str, Any]) -> list[Case]:
     records += [
         *(vrte.RPV(0.1, 0.8), vrte.Hapke(0.5), vrte.RossLi(0.1, 0.02, 0.02), vrte.Mirror(1.5), vrte.MuellerBase(even)),
         *(vrte.Gamma(0.2, 0.1), vrte.Lognormal(0.2, 1.4), vrte.Monodisperse(0.5), vrte.Tabulated([0.1, 0.3], [1, 1])),
-        *(vrte.Lambertian(0.3), rough, vrte.Interface(1.0, 1.5, roughness=0.3), base, LAYER, RAYLEIGH, indices),
+        *(vrte.Lambertian(0.3), rough, vrte.Interface(1.0, 1.5, roughness=0.3), base, LAYER, RAYLEIGH, indices, FLAKES),
         *(vrte.Variation("depth", 1.0, [1.0], [0.0]), made["linearized"].plan),
     ]
     return [
@@ -143,6 +144,11 @@ def list_calls(made: dict[str, Any]) -> list[Case]:
         (smooth.share, {"mu": 0.5}),
         (smooth.put_between, {"above": 1.0, "below": 1.5}),
         (vrte.Hapke(0.6).warn_beyond, {"words": "it is bright"}),
+        (FLAKES.project, {"mu": 0.5}),
+        (FLAKES.reflect, {"cosine": 0.5}),
+        (FLAKES.find_density, {"tilt": 0.1}),
+        (FLAKES.scatter, {"mu_out": 0.5, "mu_in": -0.5, "phi": 1.0}),
+        (vrte.flakes, {"index": 1.5, "tilt_deg": 12.0, "wavelength_um": 0.5, "host_index": 1.5}),
         (vrte.Layer.of, {"particles": made["particles"], "thickness_um": 1.0, "volume_fraction": 0.01}),
         (vrte.Layer.clear, {"thickness_um": 1.0, "host_index": 1.5, "wavelength_um": 0.5}),
         (vrte.Measurement, {"quantity": "f00", "value": 0.1, "theta_i_deg": 0.0, "theta_o_deg": 10.0}),

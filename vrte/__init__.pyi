@@ -43,6 +43,8 @@ from vrte.formats.scene_family import SceneFamily as SceneFamily
 from vrte.optics.convention_card import recognise_convention as recognise_convention
 from vrte.optics.crowding import IndependentScatteringWarning as IndependentScatteringWarning
 from vrte.optics.crowding import PackingWarning as PackingWarning
+from vrte.optics.flakes import Flakes as Flakes
+from vrte.optics.flakes import flakes as flakes
 from vrte.optics.particles import Particles as Particles
 from vrte.optics.particles import mixture as mixture
 from vrte.optics.phase_matrix import NegativeScatteringWarning as NegativeScatteringWarning

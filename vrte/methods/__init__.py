@@ -50,7 +50,7 @@ def choose_method(request: Request) -> Request:
     if request.backend is Backend.OPENCL and request.precision == "auto" and "accuracy" not in request.given:
         request = replace(request, accuracy=find_usual_accuracy(request.accuracy))
     if request.method == AUTO:
-        return choose_by_rule(request)
+        request = choose_by_rule(request)
     find_method(request.method).checked(request)
     return request
 

@@ -63,6 +63,8 @@ def propagator(scene: Scene, order: int = 0, nodes: int = NODES) -> Array:
         raise SceneError("the propagator (2:9) is that of layers which end, without a base")
     if scene.keeps_beams:
         raise SceneError("the propagator (2:9) is that of layers in one medium, without interfaces")
+    if scene.has_flakes:
+        raise SceneError("the propagator (2:9) is that of particles: a layer has oriented flakes")
     problem = discretise_scene(scene, np.ones(1), np.eye(4), np.ones(1), np.zeros(1), nodes)
     one = np.eye(problem.size)
     R_minus, T_minus, R_plus, T_plus = 0.0 * one, one, 0.0 * one, one

@@ -27,10 +27,13 @@ def refract_cosine(index: complex | Any, mu: Any) -> NDArray[np.complex128]:
 
 def reflect_smooth(index: complex | Any, mu: Any, behind: Any = None) -> Array:
     """Mueller matrices of reflection, (..., 4, 4); ``behind``: the cosine there, where it is known better."""
+    return make_mueller(*reflect_amplitudes(index, mu, behind))
+
+
+def reflect_amplitudes(index: complex | Any, mu: Any, behind: Any = None) -> tuple[Any, Any]:
+    """Fresnel's amplitudes r_p and r_s (...); ``behind``: the cosine there, where it is known better."""
     mu, behind = np.asarray(mu, float), refract_cosine(index, mu) if behind is None else behind
-    s = (mu - index * behind) / (mu + index * behind)
-    p = (index * mu - behind) / (index * mu + behind)
-    return make_mueller(p, s)
+    return (index * mu - behind) / (index * mu + behind), (mu - index * behind) / (mu + index * behind)
 
 
 def transmit_smooth(index: complex | Any, mu: Any, behind: Any = None) -> Array:

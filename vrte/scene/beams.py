@@ -57,7 +57,7 @@ def make_interfaces(scene: Scene, cosines: Array) -> Interfaces:
     """The interfaces of a scene along directions, cosines (medium, n) of `find_cosines`; rough ones and scattering
     bases send no beam on. Read-only: those along few directions are kept, and other scenes may have the same."""
     ends = None if scene.base is None else -1
-    thin = tuple([layer.thickness == 0.0 for layer in scene.layers[:ends]])
+    thin = tuple([layer.extent == 0.0 for layer in scene.layers[:ends]])
     if cosines.size > KEPT or scene.below.keeps_beams:
         return _find_interfaces(scene.media, scene.interfaces, thin, scene.base, cosines)
     return _keep_interfaces(scene.media, tuple(scene.interfaces), thin, scene.base is None, cosines.tobytes())
@@ -189,7 +189,7 @@ class Depths:
 def locate_depths(scene: Scene, tau: Array, under: BoolArray) -> Depths:
     """Where optical depths lie in a scene; of layers without thickness the interfaces above and below are at one depth:
     the upper side is that of the first, the lower side that of the last."""
-    thickness = np.array([layer.thickness for layer in scene.layers])
+    thickness = np.array([layer.extent for layer in scene.layers])
     tops = np.concatenate([[0.0], np.cumsum(thickness)])
     near = np.abs(tops - tau[:, None]) <= LAST_PLACES * np.finfo(float).eps * tau[:, None]
     first, last = near.argmax(axis=1), near.shape[1] - 1 - near[:, ::-1].argmax(axis=1)

@@ -1,14 +1,15 @@
 """A layer of particles."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from vrte.basics.arrays import check_fields, check_number
 from vrte.basics.errors import SceneError
 from vrte.basics.views import view
 from vrte.optics.crowding import INDEPENDENT, check_packing, pack
-from vrte.optics.particles import HOST_ALLOWED, Particles, find_absorption, find_host_index
+from vrte.optics.flakes import Flakes
+from vrte.optics.particles import HOST_ALLOWED, SAME_INDEX, Particles, find_absorption, find_host_index
 from vrte.optics.phase_matrix import PhaseMatrix, isotropic
 from vrte.optics.refractive_index import Material, check_wavelength
 
@@ -18,7 +19,7 @@ LARGEST_THICKNESS = 1e12  # optical thickness of a finite layer; beyond, a semi-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Layer:
-    """A homogeneous layer of particles.
+    """A homogeneous layer of particles, of oriented flakes, or of both.
 
     Parameters
     ----------
@@ -29,7 +30,13 @@ class Layer:
     thickness : float
         Optical, >= 0; ``math.inf`` is allowed for the last layer of a scene.
     host_index : float or None, optional
-        Refractive index of the medium that its particles lie in; None: whatever the scene has there.
+        Refractive index of the medium that its particles lie in; None: that of its flakes, or whatever the scene has
+        there.
+    flakes : Flakes or None, optional
+        Oriented flakes beside its particles (`vrte.flakes`).
+    flake_area : float, optional
+        Their area, one side, over that of the layer, >= 0; ``math.inf`` for the last layer of a scene, of flakes alone.
+        Depths count in optical thickness of particles plus flake area.
 
     Examples
     --------
@@ -42,31 +49,66 @@ class Layer:
     albedo: float
     thickness: float
     host_index: float | None = None
+    flakes: Flakes | None = None
+    flake_area: float = 0.0
 
     def __post_init__(self) -> None:
         check_fields("layer: ", self, {"albedo": (0.0, 1.0, "between 0 and 1"), "host_index": HOST_ALLOWED})
-        allowed = f"an optical thickness >= 0, at most {LARGEST_THICKNESS:g} or inf"
-        object.__setattr__(self, "thickness", _check_extent("layer: thickness", self.thickness, allowed))
+        allowed = f">= 0, at most {LARGEST_THICKNESS:g} or inf"
+        for name, words in (("thickness", f"an optical thickness {allowed}"), ("flake_area", f"an area {allowed}")):
+            object.__setattr__(self, name, _check_extent(f"layer: {name}", getattr(self, name), words))
+        if self.flakes is None:
+            if self.flake_area:
+                raise SceneError.of("layer: flake_area", "is that of flakes, and the layer has none")
+            return
+        if math.isinf(self.extent) and self.thickness:
+            raise SceneError.of("layer: thickness", "must be 0 in a semi-infinite layer of flakes, flake_area=inf")
+        if self.host_index is None:
+            object.__setattr__(self, "host_index", self.flakes.host_index)
+        if not math.isclose(self.host_index or 0.0, self.flakes.host_index, rel_tol=SAME_INDEX):
+            words = f"must be that of the medium of its flakes, {self.flakes.host_index:g}, not {self.host_index:g}"
+            raise SceneError.of("layer: host_index", words)
+
+    @property
+    def extent(self) -> float:
+        """What depths count in: optical thickness of the particles plus flake area."""
+        return self.thickness + self.flake_area
+
+    @property
+    def has_flakes(self) -> bool:
+        """Whether light meets flakes in it."""
+        return self.flake_area > 0.0
+
+    def put_in_medium(self, index: float) -> "Layer":
+        """The same layer in a medium of another refractive index; itself where it has none of its own."""
+        if self.host_index is None:
+            return self
+        return replace(self, host_index=index, flakes=self.flakes and replace(self.flakes, host_index=index))
 
     def __repr__(self) -> str:
         return f"Layer({self.in_words})"
 
     @property
     def in_words(self) -> str:
-        """Its optical thickness, albedo, and phase matrix."""
-        return f"optical thickness {self.thickness:.6g}, albedo {self.albedo:.6g}, {self.phase_matrix.in_words}"
+        """Its optical thickness, albedo, and phase matrix, and its flakes."""
+        particles = f"optical thickness {self.thickness:.6g}, albedo {self.albedo:.6g}, {self.phase_matrix.in_words}"
+        if self.flakes is None:
+            return particles
+        found = f"flake area {self.flake_area:.6g}, {self.flakes.in_words}"
+        return f"{found}; {particles}" if self.thickness else found
 
     def _repr_html_(self) -> str:
         return view(self, "_repr_html_")
 
     @staticmethod
     def of(
-        particles: Particles,
+        particles: Particles | Flakes,
         thickness: float | None = None,
         *,
         thickness_um: float | None = None,
         volume_fraction: float | None = None,
         packing: str = "independent",
+        flake_area: float | None = None,
     ) -> "Layer":
         """A layer of particles in their host medium, of an optical ``thickness`` (>= 0 or inf), or of a geometrical one
         [um] together with a volume fraction.
@@ -82,6 +124,12 @@ class Layer:
         What the host absorbs between the particles counts as extinction without scattering. The layer's ``host_index``
         is that of the host, whatever the packing: surfaces are of binder.
         """
+        if isinstance(particles, Flakes):
+            if flake_area is None or thickness is not None or thickness_um is not None or volume_fraction is not None:
+                raise SceneError.of("layer: flake_area", "alone is what a layer of flakes has, and no thickness")
+            return Layer(isotropic(), 0.0, 0.0, None, particles, flake_area)
+        if flake_area is not None:
+            raise SceneError.of("layer: flake_area", "is that of flakes, and these are particles")
         if (thickness is None) == (thickness_um is None) or (thickness_um is not None and volume_fraction is None):
             raise SceneError("layer: give either thickness, or thickness_um together with volume_fraction")
         check_packing(packing)

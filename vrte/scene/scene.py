@@ -65,7 +65,7 @@ class Scene:
             if not isinstance(part, Layer | Interface):
                 given = type(part).__name__
                 raise SceneError(f"layer {position} must be a vrte.Layer or a vrte.Interface, not {given}")
-            if isinstance(part, Layer) and math.isinf(part.thickness) and position < len(stack):
+            if isinstance(part, Layer) and math.isinf(part.extent) and position < len(stack):
                 index = "layer", position - 1, "thickness"
                 raise SceneError(f"layer {position}: thickness inf is allowed for the last layer only", *index)
         as_base = getattr(self.base, "as_base", None)
@@ -82,7 +82,7 @@ class Scene:
         if surfaces:
             stack = interleave(stack, surfaces)
         layers, interfaces, indices = sort_stack(stack, self.base is not None)
-        if math.isinf(layers[-1].thickness) and interfaces[-1] is not None:
+        if math.isinf(layers[-1].extent) and interfaces[-1] is not None:
             raise SceneError(f"interface {len(layers) + 1}: no light gets there through a semi-infinite layer")
         numbered = tuple(range(len(layers))) if surfaces else indices
         media = find_media(layers, interfaces, numbered, self.base)
@@ -132,8 +132,13 @@ class Scene:
 
     @cached_property
     def thickness(self) -> float:
-        """Total optical thickness."""
-        return math.fsum(layer.thickness for layer in self.layers)
+        """Total optical thickness of particles, plus the area of flakes: what depths count in."""
+        return math.fsum(layer.extent for layer in self.layers)
+
+    @cached_property
+    def has_flakes(self) -> bool:
+        """Whether light meets oriented flakes somewhere."""
+        return any(layer.has_flakes for layer in self.layers)
 
     @property
     def base_is_reached(self) -> bool:

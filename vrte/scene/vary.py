@@ -310,10 +310,7 @@ def vary_medium(scene: Scene, name: str, place: int) -> Variation:
             surface and replace(surface, index_above=above, index_below=below)
             for surface, (above, below) in zip(scene.interfaces, itertools.pairwise(media), strict=True)
         ]
-        layers = [
-            layer if layer.host_index is None else replace(layer, host_index=medium)
-            for layer, medium in zip(scene.layers, media[1:-1], strict=True)
-        ]
+        layers = [layer.put_in_medium(medium) for layer, medium in zip(scene.layers, media[1:-1], strict=True)]
         return build_like(scene, layers, scene.base, surfaces)
 
     return vary_beside_layers(scene, name, scene.media[place], scene_at, is_outside=True)
@@ -356,8 +353,8 @@ def move_scene(scene: Scene, variation: Variation, step: float) -> Scene:
     changes = zip(variation.thickness.tolist(), variation.albedo.tolist(), variation.coefficients, strict=True)
     for layer, (thickness, albedo, table) in zip(scene.layers, changes, strict=True):
         matrix = add_coefficients(layer.phase_matrix, step * table) if table.any() else layer.phase_matrix
-        moved = Layer(matrix, layer.albedo + step * albedo, layer.thickness + step * thickness, layer.host_index)
-        layers.append(moved)
+        moved = {"albedo": layer.albedo + step * albedo, "thickness": layer.thickness + step * thickness}
+        layers.append(replace(layer, phase_matrix=matrix, **moved))
     base = scene.base
     if variation.base:
         parts = ((step * weight, part) for weight, part in variation.base)

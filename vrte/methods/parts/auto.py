@@ -70,9 +70,10 @@ def find_rule(request: Request) -> tuple[int, Rule]:
 
 def count_special_wishes(request: Request) -> float:
     """How many things are asked for besides scene, directions and accuracy, or lie beyond what rules were tried on:
-    nodes as directions, a base that is no Lambertian one, surfaces, an algorithm, a truncation, a check, a device."""
+    nodes as directions, a base that is no Lambertian one, surfaces, flakes, an algorithm, a truncation, a check, a
+    device."""
     scene, chosen = request.scene, (request.algorithm != "auto", request.truncation != "auto")
-    bases = request.mu is None, scene.below.orders_reflected > 1, scene.keeps_beams
+    bases = request.mu is None, scene.below.orders_reflected > 1, scene.keeps_beams, scene.has_flakes
     return float(sum((*chosen, *bases, request.verify, request.backend.needs_device)))
 
 

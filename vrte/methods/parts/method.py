@@ -166,9 +166,9 @@ class Method:
     fluxes balance to rounding where nothing absorbs, which is tested.
 
     What it takes: polarization (of phase matrices and light), base, interfaces, depths (other than the faces),
-    semi-infinite layers, devices, options of the call. What takes an "accuracy" solves the discrete problem to it, on
-    nodes chosen for it, ``finest`` at best. ``operations`` of a task are right to a factor of 3, None where closed
-    forms are a matter of seconds whatever is asked."""
+    semi-infinite layers, oriented flakes, devices, options of the call. What takes an "accuracy" solves the discrete
+    problem to it, on nodes chosen for it, ``finest`` at best. ``operations`` of a task are right to a factor of 3, None
+    where closed forms are a matter of seconds whatever is asked."""
 
     name: str
     solve: Callable[[Task], Answer]
@@ -181,6 +181,7 @@ class Method:
     depths: bool = True
     semi_infinite: bool = True
     interfaces: Literal["none", "smooth", "any"] = "none"
+    flakes: bool = False
     devices: bool = False
     options: Sequence[str] = ("nodes", "backend")
     finest: float = 0.0
@@ -190,7 +191,8 @@ class Method:
     def checked(self, request: Request) -> Settings:
         """The settings, all of them. Raises SceneError where the method does not take the request."""
         for obstacle in self.obstacles(request):
-            raise SceneError(f"method {self.name!r} takes no {obstacle}: ask for {EXACT!r}", "method")
+            instead = "" if self.name == EXACT else f": ask for {EXACT!r}"
+            raise SceneError(f"method {self.name!r} takes no {obstacle}{instead}", "method")
         unused = ", ".join(sorted(request.given - {*self.options}))
         if unused:
             raise SceneError(f"method {self.name!r} takes no {unused}: {self.instead()}", "method")
@@ -238,6 +240,7 @@ class Method:
             (not self.depths and bool(((tau > 0.0) & (tau < scene.thickness)).any()), "depth inside a layer"),
             (self.interfaces == "none" and scene.keeps_beams, "refracting or mirroring surface"),
             (self.interfaces == "smooth" and scene.is_rough, "rough interface"),
+            (not self.flakes and scene.has_flakes, "oriented flakes"),
             (not self.semi_infinite and not np.isfinite(scene.thickness), "semi-infinite layer"),
         ]
         return [words for is_there, words in found if is_there]

@@ -1,0 +1,110 @@
+"""Oriented flakes: extinction, scattering from Jones vectors in three dimensions, and what is refused."""
+
+from itertools import product
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte.basics.arrays import Array
+from vrte.basics.quadrature import find_gauss_legendre
+from vrte.optics.facets import RoughSurface
+from vrte.optics.flakes import Flakes
+
+from .helpers import assert_close
+from .test_discrete_ordinates import frame, mueller_of
+
+METAL = vrte.flakes(1.2 + 7.0j, tilt_deg=15.0, host_index=1.5)
+TABLE = Flakes(0.3 + 3.0j, None, ((0.0, 20.0, 45.0), (1.0, 0.8, 0.0)))
+ALL = [METAL, TABLE, vrte.flakes(tilt_deg=8.0), vrte.flakes(1.33, tilt_deg=40.0)]
+# handbook: by another program
+PROJECTED = {8.0: [0.10997363, 0.20548919, 0.49038395, 0.78460446, 0.98075558],
+             15.0: [0.19970175, 0.25193156, 0.47184908, 0.74762691, 0.93449507]}  # fmt: skip
+
+
+def scatter(flakes: Flakes, mu: float, mu_in: float, phi: float) -> Array:
+    """Z from Jones vectors in three dimensions: no rotation angle."""
+    (w, *out), (w_in, *into) = frame(mu, phi), frame(mu_in, 0.0)
+    normal = (w - w_in) / np.linalg.norm(w - w_in)
+    across = np.cross(w_in, normal)
+    across /= np.linalg.norm(across)
+    r_p, r_s = flakes.reflect(abs(w_in @ normal))
+    along, along_in = np.cross(across, w), np.cross(across, w_in)
+    jones = r_p * np.outer(out @ along, into @ along_in) + r_s * np.outer(out @ across, into @ across)
+    tilt = np.arctan2(np.hypot(*normal[:2]), abs(normal[2]))
+    return 0.25 * flakes.find_density(tilt) * mueller_of(jones)
+
+
+@pytest.mark.parametrize("tilt", PROJECTED)
+def test_extinction_agrees_with_another_program(tilt: float) -> None:
+    found = vrte.flakes(tilt_deg=tilt).project([0.0, 0.2, 0.5, 0.8, 1.0])
+    assert_close(found, PROJECTED[tilt], rtol=0.0, atol=5e-8)  # their sums miss the kink by that
+
+
+@pytest.mark.parametrize("flakes", ALL)
+def test_extinction_is_the_integral_over_normals(flakes: Flakes) -> None:
+    """By a plain sum over tilt and azimuth, to what |w.m| with its kink leaves; the density is normalised."""
+    x, weights = find_gauss_legendre(4000)
+    tilt, weights = 0.25 * np.pi * (x + 1.0), 0.25 * np.pi * weights
+    density = weights * np.sin(tilt) * flakes.find_density(tilt)
+    assert_close(2.0 * np.pi * density.sum(), 1.0, rtol=0.0, atol=1e-6)
+    psi = (np.arange(4000) + 0.5) * (2.0 * np.pi / 4000)
+    for mu in (0.0, 0.03, 0.6, -0.9, 1.0):
+        facing = np.abs(mu * np.cos(tilt)[:, None] + np.sqrt(1.0 - mu * mu) * np.sin(tilt)[:, None] * np.cos(psi))
+        assert_close(flakes.project(mu), 2.0 * np.pi * density @ facing.mean(axis=1), rtol=0.0, atol=2e-6)
+
+
+@pytest.mark.parametrize("flakes", ALL)
+def test_scattering_is_that_of_jones_vectors(flakes: Flakes) -> None:
+    for mu, mu_in, phi in product((0.9, 0.4, -0.2, -0.8), (0.7, 0.05, -0.3, -0.95), (0.3, 1.2, -2.0, 3.0)):
+        expected = scatter(flakes, mu, mu_in, phi)
+        assert_close(flakes.scatter(mu, mu_in, phi), expected, rtol=0.0, atol=1e-13 * max(expected[0, 0], 1e-3))
+
+
+def test_upward_scattering_is_that_of_facets() -> None:
+    """f_r = D M/(4 mu_i mu_o) of a rough surface, D and M by their own code."""
+    surface = RoughSurface(1.5, 1.2 + 7.0j, 0.3)
+    for mu, mu_in, phi in product((0.9, 0.4, 1.0), (0.7, 0.05, 1.0), (0.0, 50.0, 180.0, 300.0)):
+        f = surface.reflect(mu_in, mu, phi)
+        found = METAL.scatter(mu, -mu_in, np.radians(phi))
+        assert_close(found / found[0, 0], f / f[0, 0], rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("flakes", ALL)
+def test_scattering_is_reciprocal_and_has_a_mirror_symmetry(flakes: Flakes) -> None:
+    back, mirror = np.diag([1.0, 1.0, 1.0, -1.0]), np.diag([1.0, 1.0, -1.0, -1.0])
+    for mu, mu_in, phi in product((0.9, 0.4, -0.2), (0.7, -0.05, -1.0), (0.3, 1.2, 3.0)):
+        z = flakes.scatter(mu, mu_in, phi)
+        # light turned round: from -w to -w', the azimuth between them the other way round
+        assert_close(flakes.scatter(-mu_in, -mu, phi), back @ z.T @ back, rtol=0.0, atol=1e-14)
+        assert_close(flakes.scatter(mu, mu_in, -phi), mirror @ z @ mirror, rtol=0.0, atol=1e-15)
+        assert_close(flakes.scatter(-mu, -mu_in, phi), mirror @ z @ mirror, rtol=0.0, atol=1e-14)
+
+
+@pytest.mark.parametrize(("make", "words"), [
+    (lambda: vrte.flakes(tilt_deg=0.0), "flakes: tilt_deg must be from 0.5 to 60 degrees, not 0.0"),
+    (lambda: vrte.flakes(tilt_deg=61.0), "flakes: tilt_deg must be from 0.5 to 60 degrees, not 61.0"),
+    (lambda: vrte.flakes("gold"), "flakes: index is that of a wavelength: give wavelength_um"),
+    (lambda: vrte.flakes(1.5, host_index="water"), "flakes: host_index is that of a wavelength: give wavelength_um"),
+    (lambda: vrte.flakes(tilt_deg=3.0, tilts=([0.0, 9.0], [1.0, 0.0])), "give either tilt_deg or tilts"),
+    (lambda: vrte.flakes(tilts=([0.0, 99.0], [1.0, 0.0])), "tilts must have angles that ascend from 0 to 90"),
+    (lambda: vrte.flakes(tilts=([0.0, 9.0], [1.0, -0.1])), "tilts must have densities >= 0"),
+    (lambda: vrte.flakes(tilts=[1.0, 2.0, 3.0]), "tilts must be a pair"),
+    (lambda: vrte.Layer.of(METAL, flake_area=-1.0), "layer: flake_area must be an area >= 0"),
+    (lambda: vrte.Layer.of(METAL, 2.0), "layer: flake_area alone is what a layer of flakes has"),
+    (lambda: vrte.Layer(vrte.isotropic(), 0.5, 1.0, flake_area=1.0), "is that of flakes, and the layer has none"),
+    (lambda: vrte.Layer(vrte.isotropic(), 0.5, 1.0, None, METAL, np.inf), "thickness must be 0 in a semi-infinite"),
+    (lambda: vrte.Layer(vrte.isotropic(), 0.5, 1.0, 1.0, METAL, 1.0), "must be that of the medium of its flakes, 1.5"),
+])  # fmt: skip
+def test_what_is_not_allowed_is_refused(make: Any, words: str) -> None:
+    with pytest.raises(vrte.SceneError) as caught:
+        make()
+    assert words in str(caught.value)
+
+
+def test_a_method_without_flakes_refuses_them_by_name() -> None:
+    scene = vrte.Scene([vrte.Layer(vrte.isotropic(), 0.5, 1.0, None, METAL, 2.0)])
+    assert scene.thickness == 3.0
+    with pytest.raises(vrte.SceneError, match="method 'diffusion' takes no oriented flakes: ask for"):
+        vrte.brdf(scene, 0.5, 0.5, method="diffusion")

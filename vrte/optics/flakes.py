@@ -1,0 +1,293 @@
+"""Oriented flakes: flat mirrors much larger than the wavelength, whose normals are tilted at random from the layer's.
+
+Normals m spread evenly in azimuth with a density Dh [1/sr] over the upper half, int Dh dm = 1. For light along w and a
+unit of flake area (one side), w' and w the directions of travel before and after, c = |w'.h|:
+
+    G(w) = int Dh(m) |w.m| dm,    Z(w' -> w) = Dh(|h_z|) M(r_p, r_s at c)/4,    h along w - w'
+
+G is extinction, Z [1/sr] scattering; int Z dw = int Dh |w'.h| R dh, so that a perfect mirror loses nothing. Light that
+flakes diffract stays in the beam and is not counted.
+
+Source: Jakob, Arbree, Moon, Bala and Marschner, ACM Trans. Graph. 29, 53 (2010), microflakes without polarization; M
+from Jones vectors as for facets (docs/explanation/flakes.md).
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vrte.basics.arrays import Array, check_fields, check_numbers, freeze_copy
+from vrte.basics.errors import SceneError
+from vrte.basics.quadrature import find_gauss_legendre
+from vrte.optics.facets import make_rotation
+from vrte.optics.fresnel import make_mueller, reflect_amplitudes
+from vrte.optics.particles import HOST_ALLOWED, LIMITS, find_absorption, find_host_index, find_named_index
+from vrte.optics.refractive_index import IndexTable, Material, check_wavelength
+
+USUAL_TILT = 12.0  # sigma [degrees] of flakes that nothing else is said of
+TILT_ALLOWED = 0.5, 60.0, "from 0.5 to 60 degrees"
+FARTHEST = 8.5  # tilts over sigma: beyond, a Gaussian's density is below the rounding of its largest
+POINTS = 12  # of Gauss's rule in a panel: G to 1e-14 in panels half a sigma wide
+STEPS = 2048  # of a table of tilts that others sample from
+MOST_TILTS = 1000  # rows of a table
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Flakes:
+    """Flat mirrors in a medium, tilted at random: how a unit of their area attenuates and scatters light.
+
+    Parameters
+    ----------
+    index : complex or None
+        Refractive index n + ik of their opaque core; None: perfect mirrors, r_p = 1 and r_s = -1.
+    tilt_deg : float or None
+        sigma [degrees] of a density exp(-tilt^2/(2 sigma^2)) of normals per solid angle, 0.5 to 60; None where
+        ``tilt_table`` is given.
+    tilt_table : pair of sequences or None, optional
+        Tilts [degrees], ascending from 0 to 90 at most, and densities of normals per solid angle in any unit, >= 0:
+        linear between, none beyond the last.
+    host_index : float, optional
+        Refractive index of the medium that they lie in.
+    host_absorption : float, optional
+        Of that medium [1/um], 4 pi k/wavelength.
+    description : str, optional
+        In words, what they are and where their refractive indices come from.
+
+    Examples
+    --------
+    >>> import vrte
+    >>> mirrors = vrte.Flakes(None, tilt_deg=8.0)
+    >>> mirrors.project([0.0, 1.0]).round(8)
+    array([0.10997363, 0.98075558])
+    """
+
+    index: Annotated[complex | None, complex | None]
+    tilt_deg: float | None = USUAL_TILT
+    tilt_table: Annotated[tuple[tuple[float, ...], tuple[float, ...]] | None, Any] = None
+    host_index: float = 1.0
+    host_absorption: float = 0.0
+    description: str = ""
+
+    def __post_init__(self) -> None:
+        if (self.tilt_deg is None) == (self.tilt_table is None):
+            raise SceneError("flakes: give either tilt_deg or tilt_table", "tilt_deg")
+        limits = {"tilt_deg": TILT_ALLOWED, "host_index": HOST_ALLOWED, "host_absorption": LIMITS["host_absorption"]}
+        check_fields("flakes: ", self, limits)
+        if self.tilt_table is not None:
+            object.__setattr__(self, "tilt_table", check_tilts(self.tilt_table))
+        if self.index is not None:
+            object.__setattr__(self, "index", find_named_index("index", self.index, 1.0).value)
+
+    def __repr__(self) -> str:
+        return f"Flakes({self.in_words})"
+
+    @property
+    def in_words(self) -> str:
+        """What they are made of, and how they are tilted."""
+        what = self.description or ("perfect mirrors" if self.index is None else f"index {self.index:.6g}")
+        return f"{what}, " + (f"tilt {self.tilt_deg:g} degrees" if self.tilt_deg is not None else "tilts of a table")
+
+    @property
+    def is_conserving(self) -> bool:
+        """Whether they absorb nothing: perfect mirrors."""
+        return self.index is None
+
+    def reflect(self, cosine: Any) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Amplitudes r_p and r_s (...) at cosines of incidence (...), along theta-hat and phi-hat as of a surface."""
+        cosine = check_cosine("cosine", cosine)
+        if self.index is None:
+            return np.ones(cosine.shape, complex), -np.ones(cosine.shape, complex)
+        return reflect_amplitudes(self.index / self.host_index, cosine)
+
+    @cached_property
+    def panels(self) -> Array:
+        """Edges of panels of tilt [radians] in which the density is smooth, (panel + 1,)."""
+        if self.tilt_table is not None:
+            return freeze_copy(np.radians(self.tilt_table[0]))
+        assert self.tilt_deg is not None
+        sigma = math.radians(self.tilt_deg)
+        last = min(FARTHEST * sigma, 0.5 * math.pi)
+        return freeze_copy(np.linspace(0.0, last, max(4, math.ceil(2.0 * last / sigma)) + 1))
+
+    def find_density(self, tilt: Any) -> Array:
+        """Dh [1/sr] at tilts [radians] (...)."""
+        return self._find_shape(check_numbers("tilt", tilt)) / self._norm
+
+    def _find_shape(self, tilt: Array) -> Array:
+        """The density before it is normalised, (...)."""
+        if self.tilt_table is not None:
+            return np.interp(np.degrees(tilt), *self.tilt_table, right=0.0)
+        assert self.tilt_deg is not None
+        found: Array = np.exp(-0.5 * (tilt / math.radians(self.tilt_deg)) ** 2)
+        return found
+
+    @cached_property
+    def _norm(self) -> float:
+        """The integral of the density over the upper half before it is normalised."""
+        x, weights = find_gauss_legendre(POINTS)
+        start, size = self.panels[:-1, None], np.diff(self.panels)[:, None]
+        tilt = start + 0.5 * (x + 1.0) * size
+        return float(math.pi * np.sum(weights * size * np.sin(tilt) * self._find_shape(tilt)))
+
+    @cached_property
+    def tilts(self) -> tuple[Array, Array]:
+        """Tilts [radians], ascending, and densities Dh [1/sr] there: fine enough to be taken as linear between."""
+        tilt = np.union1d(self.panels, np.linspace(0.0, self.panels[-1], STEPS + 1))
+        return freeze_copy(tilt), freeze_copy(self.find_density(tilt))
+
+    def project(self, mu: Any) -> Array:
+        """G (...), extinction per unit of flake area, at cosines mu (...) of either sign."""
+        mu = np.abs(check_cosine("mu", mu))
+        cosine, sine = mu.ravel()[:, None, None], np.sqrt((1.0 - mu) * (1.0 + mu)).ravel()[:, None, None]
+        x, weights = find_gauss_legendre(POINTS)
+        x, weights = 0.5 * (x + 1.0), 0.5 * weights
+        kink = np.arctan2(cosine, sine)  # tilt from which on some flakes are lit from below
+        low, high = self.panels[:-1, None], self.panels[1:, None]
+        # below the kink int |A + B cos psi| dpsi = 2 pi A
+        start, stop = np.minimum(low, kink), np.minimum(high, kink)
+        tilt = start + x * (stop - start)
+        found = (
+            weights * (stop - start) * self.find_density(tilt) * np.sin(tilt) * 2.0 * math.pi * cosine * np.cos(tilt)
+        )
+        # above it the square of what is integrated over makes the root at the kink smooth
+        start, stop = np.sqrt(np.maximum(low - kink, 0.0)), np.sqrt(np.maximum(high - kink, 0.0))
+        root = start + x * (stop - start)
+        tilt = kink + root * root
+        across = np.sqrt(np.sin(root * root) * np.maximum(np.sin(tilt + kink), 0.0))  # sqrt(B^2 - A^2)
+        along = cosine * np.cos(tilt)
+        around = 4.0 * (along * np.arctan2(along, across) + across)
+        found = found + weights * 2.0 * root * (stop - start) * self.find_density(tilt) * np.sin(tilt) * around
+        return np.asarray(found.sum(axis=(1, 2)).reshape(mu.shape))
+
+    def scatter(self, mu_out: Any, mu_in: Any, phi: Any) -> Array:
+        """Z [1/sr] of a unit of area, (..., 4, 4), for signed cosines of travel and phi, out minus in [radians]: public
+        Stokes frames, meridian planes of each direction. At w = w' the limit of phi = 0."""
+        given = check_cosine("mu_out", mu_out), check_cosine("mu_in", mu_in), 0.5 * check_numbers("phi", phi)
+        if not np.isfinite(given[2]).all():
+            raise SceneError.of("phi", "must be finite")
+        try:
+            out, into, half = np.broadcast_arrays(*given)
+        except ValueError:
+            shapes = ", ".join(str(each.shape) for each in given)
+            raise SceneError(f"mu_out, mu_in and phi must have shapes that broadcast, not {shapes}", "phi") from None
+        sin_out, sin_in = (np.sqrt((1.0 - mu) * (1.0 + mu)) for mu in (out, into))
+        sum_of_sines = sin_out + sin_in
+        apart = (into - out) * (into + out) / np.where(sum_of_sines == 0.0, 1.0, sum_of_sines)  # sine out - sine in
+        across = np.sqrt(apart**2 + 4.0 * sin_in * sin_out * np.sin(half) ** 2)
+        along = np.abs(out - into)
+        size = np.hypot(across, along)
+        forward = size == 0.0
+        tilt = np.where(forward, np.arctan2(np.abs(into), sin_in), np.arctan2(across, along))
+        mueller = make_mueller(*self.reflect(0.5 * size))
+        turn_in, turn_out = turn_to_mirror(out, into, sin_out, sin_in, half)
+        density = 0.25 * self.find_density(tilt)
+        return np.asarray(density[..., None, None] * (turn_out.swapaxes(-1, -2) @ mueller @ turn_in))
+
+
+def check_cosine(name: str, values: Any) -> Array:
+    """Cosines of either sign, of any shape, none beyond 1. Raises SceneError."""
+    array = check_numbers(name, values)
+    if not (np.abs(array) <= 1.0).all():
+        raise SceneError.of(name, "must be cosines from -1 to 1")
+    return array
+
+
+def turn_to_mirror(out: Array, into: Array, sin_out: Array, sin_in: Array, half: Array) -> tuple[Array, Array]:
+    """Rotations from the meridian planes of light in and out to the plane of incidence, (..., 4, 4) each, for signed
+    cosines, their sines and half the azimuth: s is along w' x w, a and b its parts along l and r of either."""
+    between = sin_in * out - into * sin_out
+    square, full = np.sin(half) ** 2, np.sin(2.0 * half)
+    a_in, a_out = -sin_out * full, -sin_in * full
+    b_in, b_out = between + 2.0 * into * sin_out * square, between - 2.0 * sin_in * out * square
+    parallel = (a_in**2 + b_in**2 == 0.0) | (a_out**2 + b_out**2 == 0.0)  # any s across will do: r of what comes
+    a_in, b_in = np.where(parallel, 0.0, a_in), np.where(parallel, 1.0, b_in)
+    a_out, b_out = np.where(parallel, -out * full, a_out), np.where(parallel, 1.0 - 2.0 * square, b_out)
+    return make_rotation(a_in, b_in), make_rotation(a_out, b_out)
+
+
+def check_tilts(table: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Tilts [degrees] and densities of a table. Raises SceneError."""
+    where = "flakes: tilts"  # tilt_table of the class
+    try:
+        first, second = table
+    except Exception:  # whatever a foreign object raises when it is taken apart
+        raise SceneError.of(where, "must be a pair: angles in degrees, and densities per solid angle") from None
+    angles, density = check_numbers(where, first).ravel(), check_numbers(where, second).ravel()
+    if angles.size != density.size or not 2 <= angles.size <= MOST_TILTS:
+        raise SceneError.of(where, f"must be as many angles as densities, 2 to {MOST_TILTS}")
+    if not (angles[0] == 0.0 and angles[-1] <= 90.0 and (np.diff(angles) > 0.0).all()):
+        raise SceneError.of(where, "must have angles that ascend from 0 to 90 degrees at most")
+    if not (np.isfinite(density).all() and (density >= 0.0).all() and density.any()):
+        raise SceneError.of(where, "must have densities >= 0, finite and not all 0")
+    return tuple(angles.tolist()), tuple((density / density.max()).tolist())
+
+
+def flakes(
+    index: Annotated[Material | None, Any] = None,
+    tilt_deg: float | None = None,
+    *,
+    wavelength_um: float | None = None,
+    host_index: Material = 1.0,
+    tilts: Annotated[tuple[Sequence[float], Sequence[float]] | None, Any] = None,
+) -> Flakes:
+    """Oriented flakes of a metal in a binder, or perfect mirrors.
+
+    Parameters
+    ----------
+    index : str, complex, pair, IndexTable or None, optional
+        All that `refractive_index` takes: a name, a database path, n + i k or (n, k); None: perfect mirrors.
+    tilt_deg : float, optional
+        sigma [degrees] of the density exp(-tilt^2/(2 sigma^2)) of normals per solid angle, 0.5 to 60; 12 unless
+        ``tilts`` are given.
+    wavelength_um : float, optional
+        In vacuum [um], needed where an index is a name or a table.
+    host_index : str, complex, pair or IndexTable, optional
+        Of the binder around them, in the same ways.
+    tilts : pair of sequences, optional
+        In place of ``tilt_deg``: angles [degrees], ascending from 0, and densities of normals per solid angle in any
+        unit, linear between, none beyond the last.
+
+    Returns
+    -------
+    Flakes
+        What `Layer.of` makes a layer of.
+
+    Raises
+    ------
+    SceneError
+        For a tilt that is not allowed, both or neither of tilt_deg and tilts, and a name without a wavelength.
+
+    Examples
+    --------
+    >>> import vrte
+    >>> metal = vrte.flakes("gold", tilt_deg=10.0, wavelength_um=0.64, host_index=1.5)
+    >>> vrte.Layer.of(metal, flake_area=3.0).extent
+    3.0
+    """
+    if tilt_deg is not None and tilts is not None:
+        raise SceneError("flakes: give either tilt_deg or tilts", "tilts")
+    given = {"index": index, "host_index": host_index}
+    named = [name for name, one in given.items() if isinstance(one, str | IndexTable)]
+    if wavelength_um is None and named:
+        raise SceneError(f"flakes: {named[0]} is that of a wavelength: give wavelength_um", "wavelength_um")
+    wavelength = 1.0 if wavelength_um is None else check_wavelength(wavelength_um)
+    host, core = find_host_index(host_index, wavelength), None
+    words = "perfect mirrors"
+    if index is not None:
+        found = find_named_index("index", index, wavelength)
+        core, words = found.value, f"flakes of index {found.n:.6g} + {found.k:.6g}i ({found.source})"
+    if host.k > 0.0 and wavelength_um is None:
+        raise SceneError("flakes: host_index absorbs, by wavelength: give wavelength_um", "wavelength_um")
+    return Flakes(
+        core,
+        USUAL_TILT if tilt_deg is None and tilts is None else tilt_deg,
+        None if tilts is None else check_tilts(tilts),
+        host.n,
+        find_absorption(host, wavelength),
+        words,
+    )
