@@ -170,6 +170,7 @@ def list_calls(made: dict[str, Any]) -> list[Case]:
         *((getattr(look, name), {}) for name in ("reflectance", "colour", "polarization", "gloss", "hiding")),
         (look.kubelka_munk, {}),
         (look.difference, {"other": look}),
+        (LAYER.estimate_peak_width, {"wavelength_um": 0.5, "mean_free_path_um": 1.0}),
         (made["dense"].as_base, {}),
         (made["brdf"].under, {"light": light}),
         (made["brdf"].diffuse_reflectance, {}),

@@ -63,7 +63,7 @@ def test_options_have_one_order_and_one_set_of_names() -> None:
     names = [field.name for field in fields(How) if field.name in OPTIONS]
     for call in CALLS[:2]:
         taken = list(signature(call).parameters)
-        own = ["side", "derivatives"] if call is vrte.radiance else ["derivatives"]
+        own = ["side", "derivatives"] if call is vrte.radiance else ["derivatives", "coherent"]
         options = [name for name in names if name not in ("nodes", "threads")]
         assert taken[taken.index("progress") + 1 :] == options + own
     assert signature(vrte.brdfs).parameters.keys() - {"scenes"} == signature(vrte.brdf).parameters.keys() - {"scene"}

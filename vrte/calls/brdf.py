@@ -16,6 +16,7 @@ from vrte.request.how import complete_docstring
 from vrte.request.request import Request, make_brdf_request
 from vrte.results.brdf import BRDF_DERIVATIVES, Brdf, make_readonly_brdf
 from vrte.results.result import Solution
+from vrte.scene.backscattering import find_back_directions, find_interference
 from vrte.scene.beams import find_direct_light, locate_depths
 from vrte.scene.illumination import mirror_mueller
 from vrte.scene.scene import Scene
@@ -43,6 +44,7 @@ def brdf(
     precision: str | None = None,
     grading: int | None = None,
     derivatives: Derivatives = None,
+    coherent: bool = False,
 ) -> Brdf:
     """The Mueller BRDF (1:1) for all pairs of directions, four incident Stokes vectors at once, (1:39).
 
@@ -90,13 +92,27 @@ def make_brdf(request: Request, solution: Solution, derivatives: Sequence[Deriva
     if scene.is_rough:
         surface = find_rough_reflection(scene, request.mu0, mu_o, request.phi, start_run(1))
         arrays["surface"] = mirror_mueller(surface) if is_turned else surface
+    if request.coherent:
+        arrays["coherent"] = find_interference(scene, request.mu0, mu_o, request.phi, arrays["mueller"])
     found = {"illuminate": request.illuminate, "index_outside": scene.index_below if is_turned else scene.index_above}
-    diagnostics = note_energy(request, solution) | found
+    diagnostics = note_interference(request, note_energy(request, solution) | found)
     if not derivatives:  # the arrays fit together
         arrays |= {"mu_i": request.mu0, "mu_o": mu_o, "phi": request.phi}
         frozen = {name: each if is_readonly(each) else freeze_copy(each) for name, each in arrays.items()}
         return make_readonly_brdf(lambda: diagnostics, **frozen)
     return Brdf(mu_i=request.mu0, mu_o=mu_o, phi=request.phi, diagnostics=diagnostics, **arrays, **jacobians)
+
+
+def note_interference(request: Request, diagnostics: dict[str, Any]) -> dict[str, Any]:
+    """The diagnostics of a BRDF, with a note where it has a direction in which interference adds to what it holds."""
+    assert request.mu is not None
+    same, turned = find_back_directions(request.mu0, request.mu, request.phi)
+    scatters = any([layer.albedo > 0.0 and layer.thickness > 0.0 for layer in request.scene.layers])
+    if not (scatters and turned.any() and same.any()):
+        return diagnostics
+    where = "coherent has it" if request.coherent else "coherent=True asks for it"
+    note = f"back to the source, mu_o = mu_i and phi = 180, interference adds to mueller: {where}"
+    return diagnostics | {"notes": [*diagnostics.get("notes", ()), note]}
 
 
 def gather_arrays(request: Request, solution: Solution) -> dict[str, Array]:

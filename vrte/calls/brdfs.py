@@ -24,7 +24,7 @@ from vrte.basics.running import (
     run_jobs,
     share_progress,
 )
-from vrte.calls.brdf import make_brdf
+from vrte.calls.brdf import make_brdf, note_interference
 from vrte.calls.derivatives import Derivatives, check_differentiable, find_light, read_derivatives
 from vrte.calls.energy import ROUNDING
 from vrte.calls.plan import warn_runtime_of_all
@@ -191,7 +191,7 @@ def describe_solve(
 ) -> dict[str, Any]:
     """The diagnostics of one scene of a batch; its own plan is made for that."""
     own = [(block, block.orders[block.wanted[:, index]]) for block in blocks if block.wanted is not None]
-    return {
+    found = {
         **plan_request(request, Run(1)).diagnostics(),
         "threads": 1,
         "openmp": True,
@@ -204,6 +204,7 @@ def describe_solve(
         "illuminate": request.illuminate,
         "index_outside": request.scene.index_above,
     }
+    return note_interference(request, found)
 
 
 Made = TypeVar("Made")
@@ -354,6 +355,7 @@ def brdfs(
     precision: str | None = None,
     grading: int | None = None,
     derivatives: Derivatives = None,
+    coherent: bool = False,
 ) -> list[Brdf]:
     """The Mueller BRDFs of many scenes, for the same directions; each the same as by itself.
 
@@ -364,7 +366,7 @@ def brdfs(
     ----------
     scenes : iterable of Scene
         What light meets in each.
-    {mu_i, mu_o, phi, transmission, progress, options, derivatives}
+    {mu_i, mu_o, phi, transmission, progress, options, derivatives, coherent}
 
     Returns
     -------

@@ -171,7 +171,7 @@ def solve_for_table(
 ) -> tuple[Spectrum, Spectrum]:
     """The spectrum that a table is made of, and one at other directions to check it with: as many cosines and azimuths
     as the scene's BRDF wants. Parameters and errors as for `vrte.spectrum`."""
-    asked |= {"transmission": False}
+    asked |= {"transmission": False, "coherent": False}
     sample = np.random.default_rng(0).uniform(size=(3, CHECKED))
     pairs = CHECKED_FROM + (1.0 - CHECKED_FROM) * sample[:2]
     exact = solve_spectrum(files, wavelengths, None, **asked, mu_i=pairs[0], mu_o=pairs[1], phi=360.0 * sample[2])

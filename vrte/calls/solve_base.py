@@ -62,7 +62,7 @@ def solve_base(scene: Scene, accuracy: float = 1e-6, **asked: Any) -> TabulatedB
     (1, 1, 1, 4, 4)
     """
     wanted = check_number("accuracy", accuracy, FINEST, 0.1, f"between {FINEST:g} and 0.1")
-    for name in {"mu_i", "mu_o", "phi", "transmission", "illuminate", "derivatives"} & asked.keys():
+    for name in {"mu_i", "mu_o", "phi", "transmission", "illuminate", "derivatives", "coherent"} & asked.keys():
         raise SceneError.of(name, "is not asked for here: a base has directions of its own, and is lit from the top")
     begin = time.perf_counter()
     checked = np.random.default_rng(0).uniform(CHECKED_FROM, 1.0, CHECKED)

@@ -139,12 +139,11 @@ def describe_layer(name: str, wavelength_um: float) -> dict[str, float]:
     file = make_scene_file({"wavelength_um": wavelength_um, "layer": [{"material": name}], **request})
     layer = file.scene.layers[0]
     length = expand_materials({"layer": [{"material": name}]})["layer"][0].get("thickness_um", math.inf)
-    g = layer.phase_matrix.asymmetry
     found = {"wavelength_um": wavelength_um, "host_index": layer.host_index or 1.0, "albedo": layer.albedo}
-    found |= {"asymmetry": g, "thickness": layer.thickness}
+    found |= {"asymmetry": layer.phase_matrix.asymmetry, "thickness": layer.thickness}
     if math.isfinite(length) and length > 0.0:
         extinction = layer.thickness / length
-        found |= {"extinction_per_um": extinction, "transport_um": 1.0 / (extinction * (1.0 - layer.albedo * g))}
+        found |= {"extinction_per_um": extinction, "transport_um": layer.transport_mean_free_path / extinction}
     if len(file.particles) == 1:
         found |= list_cross_sections(*file.particles.values())
     return found

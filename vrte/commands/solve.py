@@ -80,6 +80,9 @@ def describe_result(result: Brdf | Field) -> None:
             lines.append(f"mirrored as a beam, and not in it: {list_shares(result.specular_reflectance, result.mu_i)}")
         if result.surface is not None:
             lines.append("with what rough surfaces send back without any particle, which is in surface as well")
+        if result.coherent is not None:
+            added = list_shares(result.coherent[:, 0, 0], result.mu_i)
+            lines.append(f"interference adds to f00 [1/sr] straight back: {added}")
     elif result.index is not None:
         lines.append(f"depths in media of index {', '.join(f'{index:g}' for index in np.unique(result.index))}")
     for line in lines:
@@ -192,6 +195,7 @@ def check(options: argparse.Namespace) -> None:
 def run(options: argparse.Namespace) -> None:
     asked = {name: getattr(options, name) for name in (*HOW, "side") if getattr(options, name, None) is not None}
     asked |= {"settings": dict(options.set)} if options.set else {}
+    asked |= {"coherent": True} if getattr(options, "coherent", False) else {}
     clock, paths, notes = Run(1), list[Path](), list[str]()
     with show_progress() as (phase, tick):
         phase("particles")

@@ -79,6 +79,7 @@ REQUESTS: dict[str, dict[str, Key]] = {  # what is asked for: the keys of [brdf]
         "mu_o": Numbers(other=OUTGOING),
         "phi_deg": AZIMUTHS,
         "transmission": Flag(needed=False),
+        "coherent": Flag(needed=False),
     },
     "field": {
         "mu0": Numbers(other=BEAM, single=True, allowed="a cosine above 0, up to 1, or a list of them"),

@@ -13,13 +13,15 @@ from vrte.basics.arrays import (
     BoolArray,
     IntArray,
     check_cosines,
+    check_flag,
     check_numbers,
     check_vector,
     freeze_copy,
     make_readonly,
 )
 from vrte.basics.errors import SceneError
-from vrte.request.how import BY_RULE, How, check_choice, check_options
+from vrte.request.how import BY_RULE, EXACT, How, check_choice, check_options
+from vrte.scene.backscattering import check_interference
 from vrte.scene.beams import locate_depths
 from vrte.scene.illumination import check_physical, mirror_stokes, turn_to_light
 from vrte.scene.scene import Scene
@@ -57,7 +59,7 @@ class Request(How):
     and ``incident``, the Stokes vector (4,) of a beam, are as the user gave them. ``method_rule`` and ``nodes_rule``:
     why the method and the nodes are these; the former is empty where the method was asked for. ``refined``: the
     nodes are one of the counts whose results are compared, and the discrete problem is solved to a share of the
-    accuracy."""
+    accuracy. ``coherent``: whether a BRDF is asked for what interference adds to it."""
 
     kind: str
     scene: Scene
@@ -74,6 +76,7 @@ class Request(How):
     method_rule: str = ""
     nodes_rule: str = "as asked for"
     refined: bool = False
+    coherent: bool = False
 
     @classmethod
     def of(cls, how: How, **asked: Any) -> "Request":
@@ -168,6 +171,7 @@ def make_brdf_request(
     transmission: Any = False,
     progress: Any = None,
     *options: Any,
+    coherent: Any = False,
     **more: Any,
 ) -> Request:
     """What `vrte.brdf` asks with these arguments, which are its own. Raises SceneError, TypeError."""
@@ -177,6 +181,10 @@ def make_brdf_request(
     azimuths = check_vector("phi", phi)
     if transmission and not np.isfinite(scene.thickness):
         raise SceneError.of("transmission", "needs a finite thickness: nothing comes out below a semi-infinite layer")
+    if check_flag("coherent", coherent):
+        if how.method != EXACT:
+            raise SceneError.of("coherent", f"is for method {EXACT!r}, not {how.method!r}")
+        check_interference(scene, into, out, azimuths)
     levels = np.array([0.0, scene.thickness] if transmission else [0.0])
     directions = np.concatenate([out, -out]) if transmission else out
     # light going up at the top, and light going down at the bottom
@@ -195,6 +203,7 @@ def make_brdf_request(
         tau=levels,
         wanted=Wanted(parts, np.arange(4, dtype=np.int32), 1.0 / into),
         under=np.arange(levels.size) > 0,
+        coherent=coherent,
     )
 
 

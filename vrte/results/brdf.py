@@ -57,6 +57,9 @@ class Brdf(Result):
         The same of what leaves the other face as a beam, (n_in, 4, 4), or None.
     surface
         The part of ``mueller`` [1/sr] that rough interfaces send back before any particle is met; None without them.
+    coherent
+        What interference adds to ``mueller`` [1/sr] in the one direction back to the source, mu_o = mu_i and phi = 180,
+        (n_in, 4, 4); None where it was not asked for.
     jacobian
         Derivatives of ``mueller`` by the names that were asked for, each of its shape, per unit of the number; None
         where none was.
@@ -93,6 +96,7 @@ class Brdf(Result):
     specular: Array | None = None
     specular_transmission: Array | None = None
     surface: Array | None = None
+    coherent: Array | None = None
     jacobian: dict[str, Array] | None = None
     reflectance_jacobian: dict[str, Array] | None = None
     transmission_jacobian: dict[str, Array] | None = None
@@ -104,7 +108,7 @@ class Brdf(Result):
         matrices = (*incident, np.size(self.mu_o), np.size(self.phi), 4, 4)
         shapes: dict[str, tuple[int, ...]] = {"mueller": matrices, "transmission": matrices, "surface": matrices}
         shapes |= dict.fromkeys(("reflectance", "mu_i", "direct_transmittance"), incident)
-        shapes |= dict.fromkeys(("specular", "specular_transmission"), (*incident, 4, 4))
+        shapes |= dict.fromkeys(("specular", "specular_transmission", "coherent"), (*incident, 4, 4))
         shapes |= {"mu_o": (np.size(self.mu_o),), "phi": (np.size(self.phi),)}
         there = {name: shape for name, shape in shapes.items() if getattr(self, name) is not None}
         self._freeze(there)
@@ -269,6 +273,7 @@ class Spectrum(Result):
     specular = stack("specular", "Mueller matrices of specular reflection of beams, (n, n_in, 4, 4), or None.")
     specular_transmission = stack("specular_transmission", "The same of beams through the other face, or None.")
     surface = stack("surface", "Light of rough surfaces alone [1/sr], of the shape of ``mueller``, or None.")
+    coherent = stack("coherent", "What interference adds back to the source [1/sr], (n, n_in, 4, 4), or None.")
     specular_reflectance = stack("specular_reflectance", "Of unpolarized beams, (n, n_in), or None.")
     total_reflectance = stack("total_reflectance", "Of unpolarized light, specular and diffuse, (n, n_in).")
     jacobian = stack("jacobian", "Derivatives of ``mueller`` by the names of numbers, each of its shape, or None.")
@@ -324,7 +329,7 @@ def check_alike(first: Brdf, other: Brdf) -> None:
     for name in BRDF_DERIVATIVES:
         if list(getattr(first, name) or ()) != list(getattr(other, name) or ()):
             raise SceneError(f"brdfs must all have the same derivatives, in the same order: {name} differs")
-    for name in ("transmission", "direct_transmittance"):
+    for name in ("transmission", "direct_transmittance", "coherent"):
         if (getattr(first, name) is None) != (getattr(other, name) is None):
             raise SceneError(f"brdfs must all have {name}, or none of them")
     if first.diagnostics.get("illuminate") != other.diagnostics.get("illuminate"):

@@ -100,6 +100,21 @@ class Layer:
     def _repr_html_(self) -> str:
         return view(self, "_repr_html_")
 
+    @property
+    def transport_mean_free_path(self) -> float:
+        """Optical thickness 1/(1 - albedo g) over which light forgets its direction."""
+        lost = 1.0 - self.albedo * self.phase_matrix.asymmetry
+        return 1.0 / lost if lost > 0.0 else math.inf
+
+    def estimate_peak_width(self, wavelength_um: float, mean_free_path_um: float) -> float:
+        """An estimate, good to a factor of 2, of the width [degrees] of the peak of coherent backscattering: wavelength
+        over 2 pi transport mean free paths, outside of the layer and near its normal. ``wavelength_um`` is that in
+        vacuum, ``mean_free_path_um`` the length of optical thickness 1, thickness_um/thickness."""
+        wavelength = check_wavelength(wavelength_um)
+        allowed = "a length in micrometres above 0"
+        path = check_number("mean_free_path_um", mean_free_path_um, 5e-324, LARGEST_THICKNESS, allowed)
+        return math.degrees(wavelength / (2.0 * math.pi * path * self.transport_mean_free_path))
+
     @staticmethod
     def of(
         particles: Particles | Flakes,

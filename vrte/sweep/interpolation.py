@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 DEGREE = 3
 DECADE = 10.0
 COSINES = ("mu_i", "mu_o", "mu0", "mu")
-MATRICES = ("mueller", "transmission", "specular", "specular_transmission", "surface")
+MATRICES = ("mueller", "transmission", "specular", "specular_transmission", "surface", "coherent")
 TABLES = {"field": "fields", "appearance": "appearances"}
 STOKES = ("stokes_out", "stokes_in", "stokes_parameter")
 

@@ -101,6 +101,7 @@ def describe_results(file: SceneFile, roughnesses: set[float], has_rough_interfa
         left_out += () if request.tau.size > 1 else ("transmission",)  # the bottom, too
         left_out += () if 0.0 in roughnesses else OF_BEAMS
         left_out += () if has_rough_interfaces else ("surface",)
+        left_out += () if request.coherent else ("coherent",)
         return lay_out_results(BRDF, coordinates, left_out, ("stokes_out", "stokes_in"))
     # the depth of a scene depends on its particles: each scene checks its own tau
     alone = {name: value for name, value in file.request.items() if name != "side"}

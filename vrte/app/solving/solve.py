@@ -74,7 +74,7 @@ def solve(exchange: Exchange, content: Content, folder: Path) -> Outcome:
             brdfs.append(brdf(file.scene, **keywords, progress=begin("BRDF", which)))
         elsewhere, names = replace_base(file.scene)
         if elsewhere is not None:  # its reflectance is wanted alone
-            asked = {**keywords, "mu_o": 1.0, "phi": 0.0, "transmission": False}
+            asked = {**keywords, "mu_o": 1.0, "phi": 0.0, "transmission": False, "coherent": False}
             others.append(brdf(elsewhere, **asked, progress=begin("BRDF over another base", which)))
         if with_field:
             file = replace(make_scene_file(alone, "field", folder, check_particles), scene=file.scene)

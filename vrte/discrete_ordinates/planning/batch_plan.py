@@ -31,6 +31,7 @@ def is_shared_request(request: Request) -> bool:
         and (request.kind == "brdf" or (not request.tau.any() and bool((request.mu > 0.0).all())))
         and request.method == EXACT
         and not request.verify
+        and not request.coherent
         and request.backend in (Backend.OPENMP, Backend.SEQUENTIAL)
         and request.nodes is not None
         and request.algorithm in ("auto", "direct", "modes")
