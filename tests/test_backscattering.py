@@ -153,6 +153,11 @@ def test_enhancement_is_at_most_2(top: list[Any]) -> None:
         (RAYLEIGH, {"mu_o": 0.5}, "coherent is in the direction back to the source: mu_o must have mu_i = 0.6"),
         (RAYLEIGH, {"method": "two-stream"}, "coherent is for method 'discrete-ordinates', not 'two-stream'"),
         (
+            vrte.Scene([vrte.Layer.of(vrte.flakes(0.3 + 3j), flake_area=1.0)]),
+            {},
+            "coherent is not known with oriented flakes: coherent is for particles",
+        ),
+        (
             vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)], vrte.Mirror(1.5)),
             {},
             "coherent is not known over the base Mirror(index=(1.5+0j)): coherent is for particles, over a black or "

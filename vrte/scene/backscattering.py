@@ -26,6 +26,8 @@ def find_back_directions(mu_i: Array, mu_o: Array, phi_deg: Array) -> tuple[Bool
 
 def check_interference(scene: Scene, mu_i: Array, mu_o: Array, phi_deg: Array) -> None:
     """Whether the interference of a scene is known, and the directions lead back to the source. Raises SceneError."""
+    if scene.has_flakes:
+        raise SceneError.of("coherent", f"is not known with oriented flakes: {DOMAIN}")
     inner = next((k for k, one in enumerate(scene.interfaces) if one and (k or not one.is_smooth)), None)
     if inner is not None:
         raise SceneError.of("coherent", f"is not known with this {scene.interfaces[inner].in_words}: {DOMAIN}")
