@@ -28,9 +28,9 @@ def check_interference(scene: Scene, mu_i: Array, mu_o: Array, phi_deg: Array) -
     """Whether the interference of a scene is known, and the directions lead back to the source. Raises SceneError."""
     if scene.has_flakes:
         raise SceneError.of("coherent", f"is not known with oriented flakes: {DOMAIN}")
-    inner = next((k for k, one in enumerate(scene.interfaces) if one and (k or not one.is_smooth)), None)
-    if inner is not None:
-        raise SceneError.of("coherent", f"is not known with this {scene.interfaces[inner].in_words}: {DOMAIN}")
+    for place, interface in enumerate(scene.interfaces):
+        if interface is not None and (place > 0 or not interface.is_smooth):
+            raise SceneError.of("coherent", f"is not known with this {interface.in_words}: {DOMAIN}")
     if scene.below.keeps_beams or scene.below.is_uneven:
         raise SceneError.of("coherent", f"is not known over the base {scene.base_in_words}: {DOMAIN}")
     same, turned = find_back_directions(mu_i, mu_o, phi_deg)
