@@ -13,9 +13,11 @@ import numpy as np
 import pytest
 
 import vrte
+from vrte.appearance.colours import find_flop_index
 from vrte.appearance.geometries import (
     MULTI_ANGLE,
     STANDARD_GEOMETRIES,
+    TRAVEL,
     find_cosine,
     find_reflectance,
     read_geometry,
@@ -141,6 +143,26 @@ def test_multi_angle_views_are_those_of_the_brdf() -> None:
         degree, angle_deg = look.polarization(name)
         assert degree[0] == close_to(math.hypot(f[1, 0], f[2, 0]) / f[0, 0], rtol=0.0, atol=1e-9)
         assert angle_deg[0] == close_to(0.0 if f[1, 0] > 0 else 90.0, rtol=0.0, atol=1e-6)
+
+
+def test_colours_travel_and_the_flop_index_is_read_off_three_of_them() -> None:
+    """A gloss surface reads little flop of an even white panel, a rough one its own lobe."""
+    content = {"layer": [SURFACE, CLOUDY], "base": over(0.2), "nodes": 12}
+    look = vrte.appearance(content, VISIBLE, ["8:di", *TRAVEL])
+    travel = look.colour_travel()
+    assert list(travel) == [10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 45.0, 55.0, 65.0, 75.0, 90.0, 110.0]
+    assert travel[110.0] == look.colour("45:as110")
+    near, face, far = (travel[off].L for off in (15.0, 45.0, 110.0))
+    assert look.flop_index() == close_to(2.69 * max(near - far, 0.0) ** 1.11 / face**0.86, rtol=1e-12, atol=0.0)
+    (row,) = (one for one in look.list_readings() if one.quantity == "flop index")
+    assert row.value == look.flop_index()
+    assert find_flop_index(100.0, 50.0, 20.0) == close_to(12.052, rtol=1e-4, atol=0.0)  # by logarithms
+    assert find_flop_index(50.0, 50.0, 51.0) == 0.0
+    few = vrte.appearance(content, VISIBLE, ["45:0"])
+    with pytest.raises(vrte.SceneError, match="'45:as15' was not asked for: there are 45:0"):
+        few.flop_index()
+    with pytest.raises(vrte.SceneError, match="have none along which colours travel: ask for 45:as10"):
+        few.colour_travel()
 
 
 def test_a_spectrum_is_read_as_far_as_its_directions_go() -> None:

@@ -143,10 +143,10 @@ def test_the_page_is_whole_and_fetches_nothing(grey: vrte.Paint, tmp_path: Path)
     assert "Grey &lt;i&gt;&amp; more" in text
     assert "One &lt;phase&gt; function." in text
     images = [attributes for _, tag, attributes in tags if tag == "img"]
-    assert len(images) == 7
+    assert len(images) == 8
     assert all(re.search(' src="data:image/svg[+]xml;base64,[^"]+" alt="[^"]+"', one) for one in images)
     named = re.findall(r"\b(?:href|src|srcset)=.(\w+:)", "".join(attributes for *_, attributes in tags))
-    assert named == ["data:"] * 7
+    assert named == ["data:"] * 8
     assert "url(" not in text
     assert grey.colours["over black"].hex in text
     for one in grey.list_readings():

@@ -13,6 +13,7 @@ import vrte
 from docs.scripts import pigment_size
 from docs.scripts.pigment_size import find_optimum
 from vrte.appearance.colours import find_colour
+from vrte.appearance.geometries import MULTI_ANGLE
 from vrte.appearance.gloss import find_gloss
 from vrte.appearance.hiding import Conditions, find_hiding
 from vrte.appearance.panel import make_panel
@@ -185,6 +186,14 @@ def test_glosses_are_those_of_a_glossmeter() -> None:
     clear = {"interface": {"above": 1.0, "below": 1.4}}
     panel = make_panel({"nodes": 4, "layer": [clear, layers[1]]}, table.wavelength_um)
     assert table.gloss_60[0].item() == close_to(find_gloss(panel, 60.0), rtol=1e-6, atol=0.0)
+
+
+def test_a_flop_index_of_a_sweep_is_that_of_the_appearance() -> None:
+    layer = {"henyey_greenstein": 0.8, "albedo": 0.9, "thickness": 2.0}
+    axes = {"depth": {"key": "layer[1].thickness", "values": [0.5, 2.0]}}
+    table = vrte.sweep(make_films(["flop_index"], axes) | {"layer": [layer], "nodes": 6})
+    look = vrte.appearance({"nodes": 6, "layer": [layer]}, table.wavelength_um.values, MULTI_ANGLE)
+    assert table.flop_index[1].item() == close_to(look.flop_index(), rtol=1e-9, atol=0.0)
 
 
 @pytest.mark.parametrize("cores", [1, 2])

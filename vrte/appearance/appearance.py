@@ -5,10 +5,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from vrte.appearance.colours import Colour, check_light, find_colour, find_difference
+from vrte.appearance.colours import Colour, check_light, find_colour, find_difference, find_flop_index
 from vrte.appearance.geometries import (
+    METAL_FLAKE,
     PORT_DEG,
     STANDARD_GEOMETRIES,
+    TRAVEL,
     find_light,
     find_reflectance,
     read_geometry,
@@ -100,6 +102,19 @@ class Appearance:
         """The colour difference CIEDE2000 of this panel and another in a geometry; about 1 is just seen."""
         return find_difference(self.colour(geometry), other.colour(geometry))
 
+    def flop_index(self) -> float:
+        """The flop index by L* in "45:as15", "45:as45" and "45:as110": 0 for solid colours, 15 and more for strong
+        metallic ones (Alman 1987)."""
+        return find_flop_index(*(self.colour(name).L for name in METAL_FLAKE))
+
+    def colour_travel(self) -> dict[float, Colour]:
+        """Colours by the angle [degrees] off the mirrored beam of light at 45 degrees, ascending, in all geometries of
+        ``reflectances`` that are named so, "45:as15"."""
+        offs = {float(name.removeprefix(ASPECULAR)): name for name in self.reflectances if name.startswith(ASPECULAR)}
+        if not offs:
+            raise SceneError.of("geometries", f"have none along which colours travel: ask for {', '.join(TRAVEL)}")
+        return {off: self.colour(offs[off]) for off in sorted(offs)}
+
     def polarization(self, geometry: str = VISUAL) -> tuple[Array, Array]:
         """Degree (n,), 0 to 1, and angle (n,) [degrees] of linear polarization in a geometry that looks along one
         direction; the angle is counted from the plane of the panel's normal and the line of sight."""
@@ -157,8 +172,12 @@ class Appearance:
                 yield from list_spectrum(quantity, name, at, values, unit, *words)
         for name in self.reflectances:
             yield from list_colour_readings(self.colour(name), name)
+        if {*METAL_FLAKE} <= {*self.reflectances}:
+            words = "2.69 (L*15 - L*110)^1.11/L*45^0.86 of light at 45 degrees", "Alman 1987"
+            yield InstrumentReading("flop index", "45:as", None, self.flop_index(), "1", *words)
 
 
+ASPECULAR = "45:as"  # how geometries are named that count from the mirrored beam
 POLARIZATION = "degree of linear polarization", "angle of linear polarization"
 COLOURS = dict.fromkeys("XYZ", "ISO/CIE 11664-3") | dict.fromkeys("LabCh", "ISO/CIE 11664-4")
 

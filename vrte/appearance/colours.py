@@ -260,6 +260,13 @@ def find_difference(one: Colour, other: Colour) -> float:
     return float(colour.delta_E((one.L, one.a, one.b), (other.L, other.a, other.b), method="CIE 2000"))
 
 
+def find_flop_index(near: float, face: float, far: float) -> float:
+    """The flop index of a metallic paint by its L* at 15, 45 and 110 degrees off the mirrored beam: how much darker it
+    turns, 0 where it turns no darker; solid colours have about 0, strong metallic ones 15 and more (Alman 1987)."""
+    fall = near - far
+    return 2.69 * fall**1.11 / face**0.86 if fall > 0.0 else 0.0
+
+
 def encode_srgb(linear: Array) -> Array:
     """sRGB (..., 3) from linear values, cut to 0 .. 1."""
     return import_colour_science().RGB_COLOURSPACES["sRGB"].cctf_encoding(np.clip(linear, 0.0, 1.0))

@@ -230,6 +230,7 @@ SAME = 1e-9  # of cosines, of degrees
 PORT_DEG = 10.0  # full angle of a specular port: the 5 degrees around the mirrored beam that CIE 15 speaks of
 MULTI_ANGLE = "45:as15", "45:as25", "45:as45", "45:as75", "45:as110"
 METAL_FLAKE = "45:as15", "45:as45", "45:as110"  # the three that ASTM E2194 asks for
+TRAVEL = tuple(f"45:as{off}" for off in (10, 15, 20, 25, 30, 35, 45, 55, 65, 75, 90, 110))  # of a curve of colours
 STANDARD_GEOMETRIES = "8:di", "8:de", "di:di", "45:0", "0:45", *MULTI_ANGLE
 ALLOWED = (
     "a geometry such as '45:0', '8:di' (diffuse, surface's mirror image included), '8:de' (excluded), 'di:8', 'di:di', "

@@ -21,6 +21,7 @@ from vrte.appearance.appearance import (
     list_spectrum,
 )
 from vrte.appearance.colours import Colour, find_colour
+from vrte.appearance.geometries import STANDARD_GEOMETRIES, TRAVEL
 from vrte.appearance.gloss import find_glosses
 from vrte.appearance.hiding import Conditions, Hiding, find_hiding
 from vrte.appearance.panel import Panel, find_wavelengths, make_panel, read_source
@@ -120,6 +121,7 @@ class Paint:
             )
             if rate is not None:
                 yield "spreading rate", f"{rate:.4g} m² of hiding dry film a litre"
+        yield "flop index", f"{self.look.flop_index():.1f}"
         for angle, gloss in self.glosses.items():
             yield f"gloss {angle:g}°", f"{gloss:.1f} GU"
 
@@ -220,7 +222,8 @@ def paint(
         # what is refused is refused before the work
         seen.weigh(find_wavelengths(source, wavelengths_um, folder))
         panel = make_panel(source, wavelengths_um, folder, parts[0], layer, **asked)
-        look = appearance(panel, illuminant=illuminant, observer=observer, progress=parts[1])
+        seen_from = [*STANDARD_GEOMETRIES, *TRAVEL]
+        look = appearance(panel, None, seen_from, illuminant=illuminant, observer=observer, progress=parts[1])
         glosses = try_part("gloss", lambda: find_glosses(panel, GLOSS_ANGLES, parts[2]), notes) or {}
         hiding = try_part("hiding power", lambda: find_hiding(panel, seen, parts[3]), notes)
         fluxes = try_part("K and S", lambda: find_kubelka_munk(panel, geometry=INSIDE, progress=parts[4]), notes)

@@ -7,8 +7,8 @@ from operator import attrgetter
 
 import numpy as np
 
-from vrte.appearance.colours import Colour, find_colour, weigh_wavelengths
-from vrte.appearance.geometries import measure_panel
+from vrte.appearance.colours import Colour, find_colour, find_flop_index, weigh_wavelengths
+from vrte.appearance.geometries import METAL_FLAKE, measure_panel, solve_geometries
 from vrte.appearance.gloss import RECEPTORS, find_glosses
 from vrte.appearance.hiding import Conditions, Drawdown, divide_luminances
 from vrte.appearance.panel import Panel
@@ -34,6 +34,13 @@ class Readings:
         """The colour of the panel over its own base."""
         light = self.conditions.illuminant, self.conditions.observer
         return find_colour(self.panel.wavelength_um, self.reflectance, *light)
+
+    @property
+    def flop_index(self) -> float:
+        """By the panel's L* at 15, 45 and 110 degrees off the mirrored beam."""
+        at, light = self.panel.wavelength_um, (self.conditions.illuminant, self.conditions.observer)
+        read = solve_geometries(self.panel, METAL_FLAKE)[0]
+        return find_flop_index(*(find_colour(at, read[name], *light).L for name in METAL_FLAKE))
 
     @cached_property
     def drawdown(self) -> Drawdown:
@@ -90,6 +97,12 @@ QUANTITIES: dict[str, PanelQuantity] = {
         name: PanelQuantity(words, attrgetter(f"colour.{name}"), SEEN, ("panel",), "degree" if name == "h" else "1")
         for name, words in COLOURS.items()
     },
+    "flop_index": PanelQuantity(
+        "flop index of L* at 15, 45 and 110 degrees off the mirrored beam (Alman 1987)",
+        attrgetter("flop_index"),
+        ("illuminant", "observer"),
+        ("panel",),
+    ),
     "reflectance": PanelQuantity("reflectance factor", attrgetter("reflectance"), LOOK, ("panel",), dims=SPECTRUM),
     **{
         f"reflectance_over_{card}": PanelQuantity(

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from vrte.appearance.appearance import COLOURS, VISUAL, InstrumentReading
-from vrte.appearance.geometries import MULTI_ANGLE, read_geometry
+from vrte.appearance.geometries import METAL_FLAKE, MULTI_ANGLE, read_geometry
 from vrte.appearance.hiding import Hiding
 from vrte.appearance.paint import LOBE_DEG, OF_FILMS, Paint, cut_lobe
 from vrte.appearance.two_flux_fit import BACKGROUNDS, KubelkaMunk, TwoFluxErrors
@@ -211,6 +211,21 @@ def describe_angles(paint: Paint) -> PlotPanel:
     return PlotPanel(parts, Axis("degrees off the mirrored beam"), above, f"Multi-angle, light at {LOBE_DEG:g}°")
 
 
+def describe_travel(paint: Paint) -> PlotPanel:
+    """a* and b* from near the mirrored beam of light at 45 degrees to far from it, on the side of the light."""
+    travel = paint.look.colour_travel()
+    reach = 1.2 * max(5.0, *(abs(value) for one in travel.values() for value in (one.a, one.b)))
+    parts: list[Any] = [Line(x=0.0), Line(y=0.0)]
+    parts.append(Curve([one.a for one in travel.values()], [one.b for one in travel.values()], "", INK, width=1.0))
+    for off, colour in travel.items():
+        parts.append(Curve([colour.a], [colour.b], "", colour.hex, "", "o", size=7.0))
+        if f"45:as{off:g}" in METAL_FLAKE:
+            x, y = (0.5 + 0.5 * value / reach for value in (colour.a, colour.b))
+            parts.append(Words(f"as{off:g}", x, y + 0.05, size=7.0))
+    words = f"Colour travel, light at {LOBE_DEG:g}°"
+    return PlotPanel(parts, Axis("a*", -reach, reach), Axis("b*", -reach, reach), words)
+
+
 def describe_polarization(paint: Paint) -> PlotPanel:
     """Degree of linear polarization in three geometries, of unpolarized light."""
     seen = zip((VISUAL, MULTI_ANGLE[0], MULTI_ANGLE[-1]), (INK, BLUE, ORANGE), strict=True)
@@ -227,7 +242,7 @@ def describe_two_fluxes(paint: Paint) -> PlotPanel:
 
 PANELS: tuple[Callable[[Paint], PlotPanel], ...] = (
     describe_card, describe_reflectance, describe_film, describe_polar_cut, describe_angles, describe_polarization,
-    describe_two_fluxes,
+    describe_two_fluxes, describe_travel,
 )  # fmt: skip
 
 
