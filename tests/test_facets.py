@@ -8,6 +8,7 @@ import pytest
 import vrte
 from vrte.basics.arrays import Array
 from vrte.basics.quadrature import make_double_gauss, make_refracted_nodes
+from vrte.basics.running import Run
 from vrte.optics.facet_energy import find_lost, share_bounces
 from vrte.optics.facet_integrals import gather_orders
 from vrte.optics.facets import RoughSurface, shade_facets
@@ -140,7 +141,9 @@ def test_shares_of_single_bounces_are_integrals_over_all_directions(
     expected = []
     for side, transmitted in [(surface, False), *((surface.turned, True) for _ in behind)]:
         cosines, weights = nodes.carried(side.index_from)
-        sent = np.tensordot(weights * cosines, gather_orders(side, transmitted, nodes, mu, 1, 1e-9)[0, ..., :2, 0], 1)
+        sent = np.tensordot(
+            weights * cosines, gather_orders(side, transmitted, nodes, mu, 1, 1e-9, Run(1))[0, ..., :2, 0], 1
+        )
         expected.append(sent * (surface.ratio.real**2 if transmitted else 1.0))
     found = share_bounces(surface, mu)
     for k, part in enumerate(expected):

@@ -12,14 +12,14 @@ from vrte.basics.quadrature import make_refracted_nodes
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.refracting import Refracting
-from vrte.discrete_ordinates.orders.rough import TOGETHER, expand_interface
+from vrte.discrete_ordinates.orders.rough import FacetOrders
 from vrte.discrete_ordinates.orders.routes import make_route
+from vrte.discrete_ordinates.orders.single_interface import TOGETHER
 from vrte.discrete_ordinates.orders.slab_response import respond
 from vrte.optics.facets import RoughSurface
 
 from .helpers import assert_close, close_to
 
-NONE = np.zeros(0)
 SEA = vrte.Interface(1.0, 1.34, np.sqrt(0.003 + 0.00512 * 7.0), shadowing=False)  # as published; wind of 7 m/s
 # Chowdhary et al., JQSRT 242, 106717 (2020), system AOS-II, sun at 30 degrees: scattering, absorption per metre of
 # 100 m of water; then phi, zenith angle, I, Q, U of pi L/(mu0 F0) just above the sea, phi and U in our signs
@@ -87,10 +87,10 @@ def test_a_beam_s_power_into_nodes_is_that_of_all_its_facets(distribution: str) 
     """By another quadrature."""
     surface = vrte.Interface(1.0, 1.5, 0.3, distribution, conserving=False)
     nodes, beam = make_refracted_nodes([1.0, 1.5], 24), np.array([0.6])
-    found = expand_interface(surface, nodes, (beam, NONE), (beam, NONE), 1, 1e-8)
+    facets = FacetOrders(surface.facets, nodes, 1e-8)
     (mu, weights), (mu_below, weights_below) = nodes.carried(1.0), nodes.carried(1.5)
-    power = weights * mu @ found.reflected[0][0, mu.size, : mu.size, 0, 0]
-    power += weights_below * mu_below @ found.transmitted[0][0, mu.size, :, 0, 0]
+    power = weights * mu @ facets.sent(False, beam, 1)[0, 0, :, 0, 0]
+    power += weights_below * mu_below @ facets.sent(True, beam, 1)[0, 0, :, 0, 0]
     x, weight = np.polynomial.legendre.leggauss(80)
     mu_o = np.concatenate([edge + size * 0.5 * (x + 1.0) for edge, size in ((0.0, 0.4), (0.4, 0.6))])  # 0.6 = 1.5 0.4:
     fraction = np.concatenate([0.2 * weight, 0.3 * weight]) * mu_o  # upright facets
@@ -117,11 +117,11 @@ def test_single_bounces_lose_energy_that_can_be_given_back(index: float, roughne
     there, back = kept.facets.transmit(0.3, 0.8, 20.0), kept.turned.facets.transmit(0.8, 0.3, 20.0)
     assert there[0, 0] / index**2 == close_to(back[0, 0], rtol=1e-12, atol=0.0)
     nodes, beam = make_refracted_nodes([1.0, index], 24), np.array([0.3])
-    found = expand_interface(kept, nodes, (beam, beam), (NONE, NONE), 1, 1e-8)
     powers = [mu * weights for mu, weights in (nodes.carried(1.0), nodes.carried(index))]
-    for side in (0, 1):
-        total = found.reflected[side][0, -1, :, 0, 0] @ powers[side]
-        assert total + found.transmitted[side][0, -1, :, 0, 0] @ powers[1 - side] == close_to(1.0, rtol=0.0, atol=5e-5)
+    for facets, (here, there) in ((kept.facets, powers), (kept.turned.facets, powers[::-1])):
+        ways = FacetOrders(facets, nodes, 1e-8)
+        total = ways.sent(False, beam, 1)[0, 0, :, 0, 0] @ here + ways.sent(True, beam, 1)[0, 0, :, 0, 0] @ there
+        assert total == close_to(1.0, rtol=0.0, atol=5e-5)
 
 
 @pytest.mark.parametrize(

@@ -204,7 +204,7 @@ def replace_unchecked(one: Record, **changes: Any) -> Record:
 
 
 MOST_BYTES = 96e6  # of one store
-LARGEST_SHARE = 0.1  # of it that one entry may take: larger ones are made anew each time
+LARGEST_SHARE = 0.4  # of it that one entry may take: larger ones are made anew each time
 
 
 class Remembered:

@@ -13,7 +13,7 @@ import numpy as np
 from vrte import _core
 from vrte.basics.arrays import Array
 from vrte.basics.quadrature import Panel, RefractedNodes, make_double_gauss
-from vrte.basics.running import ThreadTeam
+from vrte.basics.running import Run, ThreadTeam
 from vrte.optics.facets import RoughSurface
 
 NODES_AT_ONCE = 4  # between them, at most, one piece of the integral
@@ -29,13 +29,19 @@ FINEST = 1e-9  # largest accuracy that integrals over facets reach for all light
 
 
 def integrate_azimuths(
-    surface: RoughSurface, transmitted: bool, mu_i: Array, mu_o: Array, n_order: int, accuracy: float, threads: int = 1
+    surface: RoughSurface,
+    transmitted: bool,
+    mu_i: Array,
+    mu_o: Array,
+    n_order: int,
+    accuracy: float,
+    team: ThreadTeam | None = None,
 ) -> Array:
     """R^m of pairs of directions (pair,), (pair, order, 16): the integral of f with cos, sin(m phi), as in (1:6)."""
     points, reach = choose_points(accuracy)
     x, weights = make_double_gauss(points)
     return _core.facet_orders(
-        ThreadTeam(threads, np.zeros(threads), np.zeros(1, np.int32)),
+        team or ThreadTeam(1, np.zeros(1), np.zeros(1, np.int32)),
         n_order=n_order,
         index=complex(surface.ratio).real,
         absorption=complex(surface.ratio).imag,
@@ -64,7 +70,7 @@ def gather_orders(
     mu_out: Array,
     n_order: int,
     accuracy: float,
-    threads: int = 1,
+    run: Run,
 ) -> Array:
     """R^m from the nodes of the medium that light comes from into any directions, (order, node, out, 4, 4)."""
     points, reach = choose_points(accuracy)
@@ -88,7 +94,9 @@ def gather_orders(
         while first < mu_out.size:
             last = max(first + 1, int(np.searchsorted(bounds, bounds[first] + some, "right")) - 1)
             here = slice(bounds[first], bounds[last])
-            orders = integrate_azimuths(surface, transmitted, mu[here], mu_out[out[here]], n_order, accuracy, threads)
+            with run.timed("facets") as team:
+                pairs = mu[here], mu_out[out[here]]
+                orders = integrate_azimuths(surface, transmitted, *pairs, n_order, accuracy, team)
             for k in range(first, last):
                 own = slice(bounds[k], bounds[k + 1])
                 part = orders[own.start - bounds[first] : own.stop - bounds[first]]

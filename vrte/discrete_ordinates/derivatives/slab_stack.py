@@ -281,8 +281,7 @@ class Fields:
         for k, (index, rough) in enumerate(route.rough_interfaces.items(), route.cut.layer.size):
             for source, ways in ((2 * k, (rough.above, rough.up)), (2 * k + 1, (rough.down, rough.below))):
                 for way, part in zip((LEAVING, ENTERING), ways, strict=True):
-                    rows = part.leaving[self.orders]
-                    found[:, index, way, :seen] += route.weighing[source].T @ rows.reshape(len(rows), -1, problem.size)
+                    found[:, index, way, :seen] += part.weigh(self.orders, route.weighing[source])
         if route.base is not None:
             row = route.base.row[self.orders]
             out = route.base.out[row[row >= 0]].swapaxes(1, 2) / route.media.scene.media[-1]

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from vrte.basics.arrays import Array, IntArray
+from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.base import Base, EvenBases, expand_base
 from vrte.discrete_ordinates.orders.media import (
     ARRIVING,
@@ -19,7 +20,7 @@ from vrte.discrete_ordinates.orders.media import (
     list_sights,
 )
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.rough_interfaces import make_rough_interface
+from vrte.discrete_ordinates.orders.rough_interfaces import Side, make_rough_interface
 from vrte.scene.boundary import Boundary
 
 
@@ -27,7 +28,7 @@ class BeamPaths:
     """A stack in several media but for what its slabs do: where it is cut, beams on their way through it, what is seen
     of light along the directions off the nodes, and its base."""
 
-    def __init__(self, problem: Problem, base: Boundary, n_order: int, accuracy: float) -> None:
+    def __init__(self, problem: Problem, base: Boundary, n_order: int, accuracy: float, run: Run | None = None) -> None:
         assert problem.media is not None
         self.problem, self.media = problem, problem.media
         self.cut = self.media.cut(problem.thickness, problem.level)
@@ -42,23 +43,35 @@ class BeamPaths:
             self.media, self.cut, self.sights, problem.n_up, list(problem.stokes), np.array(self.sources)
         )
         self.base = self.expand(base, n_order, accuracy)
+        first, members = 2 * self.cut.layer.size, list(problem.stokes)
         self.rough_interfaces = {
             index: make_rough_interface(
                 self.media,
                 int(self.cut.interface[index]),
-                self.into,
-                self.sights.cosines,
-                list(problem.stokes),
+                self.list_sides(index, first + 2 * place),
+                members,
                 n_order,
                 accuracy,
+                run or Run(1),
             )
-            for index in self.rough
+            for place, index in enumerate(self.rough)
         }
 
     @property
     def rough(self) -> list[int]:
         """Which interfaces of the pieces are rough."""
         return find_rough_places(self.media, self.cut)
+
+    def list_sides(self, index: int, source: int) -> tuple[Side, Side]:
+        """Both sides of a rough interface, the first source of which is that place of the sources."""
+        number, scene = int(self.cut.interface[index]), self.media.scene
+        is_inside = number > 0, number < len(scene.layers) or scene.base is not None
+        found = []
+        for side, beams in enumerate((self.beams.arriving, self.beams.rising)):
+            into = self.into[number + side] if beams[index].any() else None
+            seen = self.sights.cosines[number + side] if self.escapes[:, :, :, source + side].any() else None
+            found.append(Side(scene.media[number + side], into, seen, is_inside[side]))
+        return found[0], found[1]
 
     def power_at(self, index: int, way: int) -> Array:
         """Power of beams at a interface, (n_in, S, n_col), coming up below it or down above it."""

@@ -50,8 +50,16 @@ Slabs = list[tuple[Medium, Response]]  # those of each medium
 class Refracting(BeamPaths):
     """A route for stacks in several media, whose slabs another one finds."""
 
-    def __init__(self, respond: Responder, problem: Problem, base: Boundary, n_order: int, accuracy: float) -> None:
-        super().__init__(problem, base, n_order, accuracy)
+    def __init__(
+        self,
+        respond: Responder,
+        problem: Problem,
+        base: Boundary,
+        n_order: int,
+        accuracy: float,
+        run: Run | None = None,
+    ) -> None:
+        super().__init__(problem, base, n_order, accuracy, run)
         self.respond = respond
         self.allowed = {
             "residual_of_modes": 1e-9,

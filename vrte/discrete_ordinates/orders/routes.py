@@ -53,11 +53,13 @@ ROUTES = {way.name: way for way in WAYS}
 OTHER = {way.name: way.other for way in WAYS}
 
 
-def make_route(name: str, problem: Problem, base: Boundary, n_order: int, accuracy: float) -> Route:
-    """The named way through a problem, in one medium or in several."""
+def make_route(
+    name: str, problem: Problem, base: Boundary, n_order: int, accuracy: float, run: Run | None = None
+) -> Route:
+    """The named way through a problem, in one medium or in several; on the threads of a run facets are integrated."""
     if problem.media is not None:
         if name in ("modes", "invariance") and is_under_one_surface(problem.media):
-            return make_single_interface(name, problem, base, n_order, accuracy)
+            return make_single_interface(name, problem, base, n_order, accuracy, run or Run(1))
         slabs = partial(respond, name, quick=is_quick(problem, accuracy))
-        return Refracting(slabs, problem, base, n_order, accuracy)
+        return Refracting(slabs, problem, base, n_order, accuracy, run)
     return ROUTES[name](problem, base, n_order, accuracy)

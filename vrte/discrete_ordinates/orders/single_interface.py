@@ -1,5 +1,6 @@
 """A stack under one surface, by its modes or by invariance: the surface is a boundary condition at the top."""
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import replace
 
@@ -16,10 +17,12 @@ from vrte.discrete_ordinates.orders.invariance import TIGHTER, find_allowed_resi
 from vrte.discrete_ordinates.orders.media import Media, list_sights
 from vrte.discrete_ordinates.orders.modes import Modes, is_quick
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.rough import TopOrders, expand_top
+from vrte.discrete_ordinates.orders.rough import FacetOrders
 from vrte.discrete_ordinates.orders.solved import Orders
 from vrte.scene.beams import find_cosines, find_decaying
 from vrte.scene.boundary import Boundary
+
+TOGETHER = 8  # orders but 0 that facets are integrated for at once: blocks of orders come one after another
 
 
 def is_under_one_surface(media: Media) -> bool:
@@ -34,18 +37,6 @@ def find_depths_within(media: Media) -> BoolArray:
     return found
 
 
-def expand_rough_top(problem: Problem, n_order: int, accuracy: float) -> TopOrders:
-    """What a rough surface on top of a problem's layers does in so many orders; directions seen below are those of
-    depths below it, and none without such depths."""
-    media = problem.media
-    assert media is not None
-    surface = media.scene.interfaces[0]
-    assert surface is not None
-    above, below, *_ = replace_dark(list_sights(media, problem.mu_out).cosines)
-    seen = above, below if find_depths_within(media).any() else np.zeros(0)
-    return expand_top(surface, media.nodes, problem.mu0, seen, n_order, accuracy)
-
-
 def replace_dark(cosines: Array) -> Array:
     """The cosines with the normal in the place of directions that light does not go."""
     return np.where(cosines > 0.0, cosines, 1.0)
@@ -54,7 +45,7 @@ def replace_dark(cosines: Array) -> Array:
 class SingleInterface(ABC):
     """Layers under one interface, which is a boundary condition at their top."""
 
-    def __init__(self, name: str, problem: Problem, base: Boundary, n_order: int, accuracy: float) -> None:
+    def __init__(self, name: str, problem: Problem, base: Boundary, n_order: int, accuracy: float, run: Run) -> None:
         assert problem.media is not None
         self.problem, self.media, self.quick = problem, problem.media, is_quick(problem, accuracy)
         self.tolerance = TIGHTER * accuracy if name == "invariance" else None
@@ -63,9 +54,9 @@ class SingleInterface(ABC):
         self.seen = replace_dark(self.sights.cosines)
         self.within = find_depths_within(self.media)
         nodes, weights = self.media.nodes.carried(self.media.scene.indices[0])
-        self.inside = self.enter(replace(problem, nodes=nodes, weights=weights), n_order, accuracy)
+        self.inside = self.enter(replace(problem, nodes=nodes, weights=weights))
         self.base = expand_lossless_base(base, self.inside, n_order, accuracy)
-        self.top = self.close_top(n_order)
+        self.top = self.close_top(n_order, accuracy, run)
 
     def chunk(self, threads: int) -> int:
         """Orders to be done at once."""
@@ -81,11 +72,11 @@ class SingleInterface(ABC):
         return Orders(self.see(inside.kernels, orders, rising), up, down, inside.residuals)
 
     @abstractmethod
-    def enter(self, problem: Problem, n_order: int, accuracy: float) -> Problem:
+    def enter(self, problem: Problem) -> Problem:
         """The problem as the layers meet it: beams, directions and depths."""
 
     @abstractmethod
-    def close_top(self, n_order: int) -> Top:
+    def close_top(self, n_order: int, accuracy: float, run: Run) -> Top:
         """What the layers meet at their top."""
 
     @abstractmethod
@@ -115,7 +106,7 @@ class SingleInterface(ABC):
 class UnderSmooth(SingleInterface):
     """Beams go on refracted, and what comes up along a direction goes on or down along one."""
 
-    def enter(self, problem: Problem, n_order: int, accuracy: float) -> Problem:
+    def enter(self, problem: Problem) -> Problem:
         scene, members = self.media.scene, np.ix_(problem.stokes, problem.stokes)
         into = find_cosines(scene.media, scene.index_above, problem.mu0)
         down = self.media.interfaces_along(into).down[0][:, members[0], members[1]] @ problem.columns.T
@@ -136,7 +127,7 @@ class UnderSmooth(SingleInterface):
         level, layer = np.concatenate([[0.0], problem.level]), np.concatenate([[0], problem.level_layer])
         return replace(problem, level=level, level_layer=layer.astype(np.int32))  # what comes up there goes down again
 
-    def close_top(self, n_order: int) -> Top:
+    def close_top(self, n_order: int, accuracy: float, run: Run) -> Top:
         scene, members = self.media.scene, np.ix_(self.problem.stokes, self.problem.stokes)
         along, on_nodes = map(self.media.interfaces_along, (self.sights.cosines, self.media.cosines))
         # of radiance that leaves, and that comes back (public frame: what comes up has not turned over yet)
@@ -185,8 +176,8 @@ class UnderRough(SingleInterface):
     """Beams end at the facets, which send light to the nodes below, and from these to the nodes and along the sights;
     scattered by facets alone it is seen in closed form."""
 
-    def enter(self, problem: Problem, n_order: int, accuracy: float) -> Problem:
-        self.orders, below = expand_rough_top(problem, n_order, accuracy), self.within.any()
+    def enter(self, problem: Problem) -> Problem:
+        below = self.within.any()
         seen = self.seen[1] if below else np.zeros(0)
         return replace(
             problem,
@@ -197,27 +188,37 @@ class UnderRough(SingleInterface):
             level_layer=problem.level_layer if below else np.zeros(1, np.int32),
         )
 
-    def close_top(self, n_order: int) -> Top:
-        problem, inside, found = self.problem, self.inside, self.orders
-        members = list(problem.stokes)
-        root, n, count = np.sqrt(inside.weights * inside.nodes), inside.size, inside.nodes.size
+    def close_top(self, n_order: int, accuracy: float, run: Run) -> Top:
+        problem, inside, surface = self.problem, self.inside, self.media.scene.interfaces[0]
+        assert surface is not None
+        members, (mu, weights) = list(problem.stokes), self.media.nodes.carried(self.media.scene.index_above)
+        root, n = np.sqrt(inside.weights * inside.nodes), inside.size
+        above = FacetOrders(surface.facets, self.media.nodes, accuracy, run)
+        below, count = above.turned, 1 + TOGETHER * max(1, math.ceil((n_order - 1) / TOGETHER))
 
-        def along(orders: Array, cosines: Array) -> Array:
-            """Towards the sights of those ``cosines``, from the scaled field: (order, n_sight, S, n)."""
-            chosen = orders[..., members, :][..., members].transpose(0, 2, 3, 1, 4) * root[:, None]
-            chosen *= (cosines > 0.0)[:, None, None, None]
+        def along(orders: Array, cosines: Array, scale: Array | float = 1.0) -> Array:
+            """From the scaled field to directions of those ``cosines``, 0 where they do not go, in the flipped frame:
+            (order, out, S, n)."""
+            chosen = orders[:n_order, ..., members, :][..., members] * FLIP[members, None]
+            chosen = chosen.transpose(0, 2, 3, 1, 4) * (
+                np.where(cosines > 0.0, scale, 0.0)[:, None, None, None] * root[:, None]
+            )
             return chosen.reshape(*chosen.shape[:3], n)
 
-        back = FLIP[:, None] * found.back
-        self.up, self.down = along(FLIP[:, None] * found.up, self.sights.cosines[0]), np.zeros(0)
+        def leave(orders: Array) -> Array:
+            """I of the power that leaves upwards, (into, S), of order 0."""
+            found: Array = np.einsum("iob,o->ib", orders[0, ..., 0, :][..., members], weights * mu)
+            return found
+
+        self.up, self.down = along(below.seen(True, self.seen[0], count), self.sights.cosines[0]), np.zeros(0)
         if self.within.any():
-            self.down = along(back[:, :, count:], self.sights.cosines[1])
-        back = (back[:, :, :count, members][..., members]).transpose(0, 2, 3, 1, 4)  # (order, out, S, node, S)
-        back = back * root[:, None, None, None] * root[:, None]
+            self.down = along(below.seen(False, self.seen[1], count), self.sights.cosines[1])
+        back = along(below.between(False, count), inside.nodes, root)
         power = problem.mu0[:, None, None] * problem.columns
-        sent = np.einsum("mioab,icb->micoa", found.down[..., members, :][..., members] * root[:, None, None], power)
-        leaving = found.leaving[:, members] * root[:, None]
-        self.leaving, self.mirrored = leaving.ravel(), np.einsum("ib,icb->ic", found.mirrored[:, members], power)
+        sent = above.sent(True, problem.mu0, count)[:n_order, ..., members, :][..., members]
+        sent = np.einsum("mioab,icb->micoa", sent * root[:, None, None], power)
+        self.leaving = (leave(below.between(True, 1)) * root[:, None]).ravel()
+        self.mirrored = np.einsum("ib,icb->ic", leave(above.sent(False, problem.mu0, 1)), power)
         rows = np.arange(n_order, dtype=np.int32)
         reflection = np.ascontiguousarray(back.reshape(n_order, 1, n, n))
         return Top(rows, reflection, np.ascontiguousarray(sent.reshape(n_order, problem.n_rhs, n)))
@@ -259,10 +260,10 @@ class UnderRough(SingleInterface):
 
 
 def make_single_interface(
-    name: str, problem: Problem, base: Boundary, n_order: int, accuracy: float
+    name: str, problem: Problem, base: Boundary, n_order: int, accuracy: float, run: Run
 ) -> SingleInterface:
     """The way through layers under one interface, by "modes" or by "invariance"."""
     assert problem.media is not None
     top = problem.media.scene.interfaces[0]
     kind = UnderSmooth if top is not None and top.is_smooth else UnderRough
-    return kind(name, problem, base, n_order, accuracy)
+    return kind(name, problem, base, n_order, accuracy, run)

@@ -17,7 +17,7 @@ import numpy as np
 from vrte import _core
 from vrte.basics.arrays import Array, replace_unchecked
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.rough import send_through
+from vrte.discrete_ordinates.orders.rough import FacetOrders
 from vrte.discrete_ordinates.orders.single_interface import find_depths_within, is_under_one_surface
 from vrte.discrete_ordinates.orders.single_scattering import integrate_paths
 from vrte.discrete_ordinates.planning.order_bounds import ALMOST_ONE
@@ -50,7 +50,8 @@ def bound_orders_under_facets(problem: Problem, strength: Array) -> tuple[Array,
     beams, seen = (each[np.linspace(0, each.size - 1, min(each.size, SAMPLES)).astype(int)] for each in (beams, seen))
     mu, weights = media.nodes.carried(media.scene.indices[0])
     root = np.sqrt(weights * mu)
-    up, down = send_through(surface, media.nodes, beams, seen, 1, ENOUGH)
+    above = FacetOrders(surface.facets, media.nodes, ENOUGH)
+    up, down = above.turned.seen(True, seen, 1), above.sent(True, beams, 1)
     up, entering = up[0, :, :, 0, 0].T * root, down[0, :, :, 0, 0] * root * beams[:, None]  # I, (direction, node)
     most = 4.0 * np.linalg.norm(problem.columns, axis=1).max() * np.linalg.norm(up, axis=1).max()
     norms = np.interp(mu0, beams, most * np.linalg.norm(entering, axis=1))

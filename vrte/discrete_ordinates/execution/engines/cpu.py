@@ -253,7 +253,7 @@ def solve_orders(
 ) -> Found:
     """Orders by the named algorithm, a few at a time to bound memory: which of them it verifies, what it found for
     them, with the fluxes of the first, and what is wrong with each of the others."""
-    route = make_route(name, problem, base, int(orders[-1]) + 1, accuracy)
+    route = make_route(name, problem, base, int(orders[-1]) + 1, accuracy, run)
     step = orders.size if run.brief else route.chunk(run.threads)
     found = []
     for first in range(0, orders.size, step):
@@ -293,7 +293,7 @@ def solve_scenes(block: Block, accuracy: float, run: Run) -> Orders:
     if block.problem.media is None:
         (together,) = solve_together([(block.problem, block.base, block.orders, block.wanted)], accuracy, run)
         return together
-    route: Any = make_route("modes", block.problem, block.base, int(block.orders[-1]) + 1, accuracy)
+    route: Any = make_route("modes", block.problem, block.base, int(block.orders[-1]) + 1, accuracy, run)
     found: Orders = route.solve_scenes(block.orders, block.wanted, run)
     return found
 
