@@ -216,11 +216,15 @@ def make_sasktran2_engine(asked: Asked, streams: int, orders: int | None = None)
     return sasktran2.Engine(config, geometry, views), geometry, config
 
 
-def make_sasktran2_atmosphere(asked: Asked, geometry: Any, config: Any) -> Any:
-    """The scene: levels from the bottom up, each of which fills what is above it; the topmost fills nothing."""
+def make_sasktran2_atmosphere(
+    asked: Asked, geometry: Any, config: Any, derivatives: bool = False, of_coefficients: bool = True
+) -> Any:
+    """The scene: levels from the bottom up, each of which fills what is above it; the topmost fills nothing. An engine
+    takes atmospheres with ``derivatives``, or without, never both: it crashes."""
     import sasktran2
 
-    atmosphere = sasktran2.Atmosphere(geometry, config, numwavel=1, calculate_derivatives=False)
+    how = {"calculate_derivatives": derivatives, "legendre_derivative": of_coefficients}
+    atmosphere = sasktran2.Atmosphere(geometry, config, numwavel=1, **how)
     upwards = [*asked.scene.layers[::-1], asked.scene.layers[0]]
     atmosphere.storage.total_extinction[:, 0] = [layer.thickness for layer in upwards]
     atmosphere.storage.ssa[:, 0] = [layer.albedo for layer in upwards]
@@ -247,6 +251,24 @@ def solve_sasktran2(asked: Asked, engine: Any, atmosphere: Any) -> Field:
     fluxes = np.full(asked.tau.size, np.nan)
     fluxes[top] = found["upwelling_flux"].values.ravel()[0]
     return asked.answer(stokes, fluxes, np.where(asked.tau == 0.0, 0.0, np.nan))
+
+
+def list_sasktran2_jacobians(asked: Asked, streams: int) -> dict[str, Array]:
+    """Its derivatives of I, Q and U of the light up at the top, (mu, phi, 3), by the names of vrte: thickness, albedo
+    and all coefficients of each layer, and the albedo of the base."""
+    engine, *how = make_sasktran2_engine(asked, streams)
+    atmosphere = make_sasktran2_atmosphere(asked, *how, derivatives=True)
+    made = engine.calculate_radiance(atmosphere)
+    shape = -1, asked.phi.size, 3
+    found = {"base.albedo": made["wf_albedo"].values.reshape(shape)}
+    for number, level in enumerate(range(len(asked.scene.layers) - 1, -1, -1), 1):
+        keys = {"thickness": "wf_extinction", "albedo": "wf_ssa"}
+        for at in range(1, atmosphere.storage.leg_coeff.shape[0]):
+            degree, column = divmod(at, len(COEFFICIENTS))
+            keys[f"coefficients[{degree}].{COEFFICIENTS[column]}"] = f"wf_leg_coeff_{at}"
+        for key, name in keys.items():
+            found[f"layer[{number}].{key}"] = made[name].values[level].reshape(shape)
+    return found
 
 
 def prepare_sasktran2(asked: Asked, streams: int) -> Solve:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import vrte
+from bench import other_codes
 from vrte.basics.differences import sample_around
 from vrte.discrete_ordinates.derivatives import adjoint
 from vrte.discrete_ordinates.derivatives import differentiate as differentiating
@@ -363,6 +364,28 @@ def test_very_many_terms_are_pulled_back_in_closed_form() -> None:
     variation = vrte.Variation("all", 1.0, [0.5], [0.1], (table,))
     expected = found.jvp(variation) * weights
     assert abs(gradient.along(variation) - expected.sum()) < 1e-11 * np.abs(expected).sum()
+
+
+def test_the_jacobians_of_sasktran2_are_the_same() -> None:
+    """Three layers at 16 streams: thickness, albedo, coefficients, base. Each layer has all degrees up to the last:
+    where one ends earlier, sasktran2's own coefficients are 5e-4 off its own differences."""
+    pytest.importorskip("sasktran2")
+    few = vrte.henyey_greenstein(0.1, 14)
+    layers = [
+        vrte.Layer(vrte.mix([(RAYLEIGH, share), (few, 1.0 - share)]), albedo, thickness)
+        for share, albedo, thickness in ((0.8, 0.9, 0.3), (0.4, 0.95, 0.8), (0.6, 0.8, 0.5))
+    ]
+    scene, mu, phi = vrte.Scene(layers, GREY), np.array([0.2, 0.5, 0.9]), np.array([0.0, 60.0, 150.0])
+    asked = other_codes.Asked(scene, 0.6, np.array([np.pi, 0.0, 0.0, 0.0]), mu, phi, np.zeros(1))
+    peer = other_codes.list_sasktran2_jacobians(asked, 16)
+    keys = ["thickness", "albedo", *(f"coefficients[{l}].{name}" for l in (2, 5) for name in other_codes.COEFFICIENTS)]
+    names = [f"layer[{k}].{key}" for k in (1, 2, 3) for key in keys] + ["base.albedo"]
+    how: Any = {"mu": mu, "phi": phi, "tau": [0.0], "nodes": 8, "stokes": asked.stokes}
+    found = vrte.radiance(scene, asked.mu0, derivatives=names, **how).jacobian
+    for name in names:
+        own = found[name][0, ..., :3]
+        assert np.abs(own).max() > 1e-6
+        assert_close(peer[name], own, rtol=0.0, atol=5e-10 * np.abs(own).max())
 
 
 def test_eyes_where_the_lights_are_change_nothing() -> None:
