@@ -49,10 +49,10 @@ def differentiate_once(plan: Plan, variation: Variation, run: Run, progress: Pro
 
 
 def differentiate_beams(
-    request: Request, variation: Variation, find: Callable[[Request], dict[str, Array]]
+    request: Request, variation: Variation, find: Callable[[Request], dict[str, Array]], here: dict[str, Array]
 ) -> dict[str, Array]:
-    """The derivatives of light that meets no particle, arrays that ``find`` has of a request of another scene."""
-    here = find(request)  # what does not change then cancels to the last digit
+    """The derivatives of light that meets no particle, arrays that ``find`` has of a request of another scene and
+    ``here`` of this one: what does not change then cancels to the last digit."""
     total = {name: np.zeros_like(values) for name, values in here.items()}
     mirrors = any(boundary.keeps_beams for weight, boundary in variation.base if weight)
     if not (variation.thickness.any() or variation.is_outside or mirrors):
@@ -317,8 +317,10 @@ def collect_jacobians(
 ) -> dict[str, Any]:
     """Derivatives by attribute of a result, then by name of the number; ``of`` maps each attribute to the array that it
     differentiates, if ``there``. ``gather`` reads arrays from a solution, ``find_beams`` beams of a request."""
+    here = find_beams(request) if derivatives else {}
     changes = {
-        one.variation.name: gather(request, one.solution) | differentiate_beams(request, one.variation, find_beams)
+        one.variation.name: gather(request, one.solution)
+        | differentiate_beams(request, one.variation, find_beams, here)
         for one in derivatives
     }
     return {

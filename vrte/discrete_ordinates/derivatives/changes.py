@@ -1,12 +1,13 @@
 """What a variation changes of a discrete problem: its truncated layers, the pieces they are cut into, its beams."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.discrete_ordinates.orders.beam_paths import BeamPaths
-from vrte.discrete_ordinates.orders.media import Cut, find_beams, find_escapes
+from vrte.discrete_ordinates.orders.media import Cut, find_beams, take_escapes, trace_sights
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.optics.truncation import expand_peak
 from vrte.scene.beams import Passing
@@ -78,16 +79,31 @@ class Change:
         return [bool(layer.scattering.any()) for layer in self.layers]
 
 
-def find_change(beam_paths: BeamPaths, variation: Variation, carried: int) -> Change:
-    """What a variation changes of a stack."""
-    problem, scene = beam_paths.problem, beam_paths.media.scene
-    layers = tuple(change_layer(problem, scene, k, variation, carried) for k in range(len(scene.layers)))
-    pieces = change_pieces(beam_paths, variation, layers)
-    beams = None
-    if pieces.any():
-        _, moved = find_beams(beam_paths.media, stretch_pieces(beam_paths.cut, pieces), problem.mu0)
-        beams = Passing(*(part.imag / STEP for part in vars(moved).values()))
-    return Change(variation, layers, pieces, beams)
+def find_changes(
+    beam_paths: BeamPaths, variations: Sequence[Variation], carried: int, sources: Array
+) -> list[tuple[Change, Array | None]]:
+    """What each variation changes of a stack, and of what is seen of light that sets out along the sights from
+    ``sources`` (source, 2), as `find_escapes` has it; None where no thickness changes. All beams go together."""
+    problem, media, sights = beam_paths.problem, beam_paths.media, beam_paths.sights
+    layers = [
+        tuple(change_layer(problem, media.scene, k, one, carried) for k in range(len(media.scene.layers)))
+        for one in variations
+    ]
+    pieces = [change_pieces(beam_paths, *pair) for pair in zip(variations, layers, strict=True)]
+    moved = [k for k, each in enumerate(pieces) if each.any()]
+    beams: dict[int, Passing] = {}
+    escapes: dict[int, Array] = {}
+    if moved:
+        cut = stretch_pieces(beam_paths.cut, np.stack([pieces[k] for k in moved]))
+        _, passing = find_beams(media, cut, problem.mu0)
+        each = [np.split(part.imag / STEP, len(moved), axis=1) for part in vars(passing).values()]
+        beams = {k: Passing(*parts) for k, *parts in zip(moved, *each, strict=True)}
+        traced = trace_sights(media, cut, sights.cosines).imag / STEP
+        escapes = {
+            k: take_escapes(part, sights, problem.n_up, list(ALL), sources)
+            for k, part in zip(moved, np.split(traced, len(moved), axis=4), strict=True)
+        }
+    return [(Change(one, layers[k], pieces[k], beams.get(k)), escapes.get(k)) for k, one in enumerate(variations)]
 
 
 def change_pieces(beam_paths: BeamPaths, variation: Variation, layers: tuple[LayerChange, ...]) -> Array:
@@ -117,21 +133,6 @@ def find_albedo(beam_paths: BeamPaths) -> Array:
 
 
 def stretch_pieces(cut: Cut, pieces: Array) -> Cut:
-    """The pieces with what changes of them as an imaginary part."""
+    """The pieces with what changes of them, pieces (several, piece), as an imaginary part."""
     finite = np.where(np.isinf(cut.thickness), FAR, cut.thickness)
-    return replace(cut, thickness=finite + 1j * STEP * pieces)
-
-
-def change_escapes(beam_paths: BeamPaths, change: Change, sources: Array) -> Array | None:
-    """Derivatives of what is seen of light that sets out along the sights, as `find_escapes` has it."""
-    if not change.pieces.any():
-        return None
-    found = find_escapes(
-        beam_paths.media,
-        stretch_pieces(beam_paths.cut, change.pieces),
-        beam_paths.sights,
-        beam_paths.problem.n_up,
-        list(ALL),
-        sources,
-    )
-    return np.asarray(found.imag / STEP)
+    return replace(cut, thickness=finite[:, None] + 1j * STEP * pieces.T)

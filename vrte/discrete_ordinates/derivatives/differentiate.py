@@ -11,17 +11,17 @@ from vrte.basics.arrays import Array, IntArray
 from vrte.basics.errors import SceneError
 from vrte.basics.quadrature import make_refracted_nodes
 from vrte.basics.running import Progress, Run
-from vrte.discrete_ordinates.derivatives.changes import Change, change_escapes, change_layer, find_change
-from vrte.discrete_ordinates.derivatives.once import list_changed_vertices
+from vrte.discrete_ordinates.derivatives.changes import Change, change_layer, find_changes
+from vrte.discrete_ordinates.derivatives.once import OnceScattered
 from vrte.discrete_ordinates.derivatives.semi_infinite import change_semi_infinite
 from vrte.discrete_ordinates.derivatives.slab_stack import ChangedOrders, Differentiating
 from vrte.discrete_ordinates.execution.carry_out import make_target
 from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR, choose_threads
-from vrte.discrete_ordinates.execution.sums import Light, Share, Target, make_parts
-from vrte.discrete_ordinates.execution.through_interfaces import Vertex, show_vertices
+from vrte.discrete_ordinates.execution.sums import Light, Share, make_parts
+from vrte.discrete_ordinates.execution.through_interfaces import Scatter, Vertex, show_scattered
 from vrte.discrete_ordinates.orders.beam_paths import BeamPaths
 from vrte.discrete_ordinates.orders.invariance import find_allowed_residuals
-from vrte.discrete_ordinates.orders.media import LEAVING, Media, Sights
+from vrte.discrete_ordinates.orders.media import LEAVING, Media, find_escapes
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.skip_flags import EVERYTHING
 from vrte.discrete_ordinates.orders.truncating import count_terms_carried
@@ -204,7 +204,6 @@ def differentiate_part(
     start = time.perf_counter()
     request = plan.request
     routes = Routes(plan, variations)
-    problem, carried = routes.problem, routes.carried
     lights: list[list[Light]] = [[] for _ in variations]
     flux = np.zeros((len(variations), 2, request.tau.size, request.mu0.size, request.columns.shape[0]))
     worst, done, total = 0.0, 0, sum(block.orders.size for block in plan.blocks) + len(variations)
@@ -226,18 +225,12 @@ def differentiate_part(
                 done += some.size
                 if progress is not None:
                     progress(done, total)
-        values = []
-        for found_of_one in add_up_all(routes, lights, run):
-            values.append(found_of_one)
-            if progress is not None:
-                progress(done + len(values), total)
-    beam_paths = BeamPaths(problem, BLACK, 1, 1.0)
-    solutions = []
-    for k, variation in enumerate(variations):
-        peaks = change_peak_flux(beam_paths, variation, carried)
-        diagnostics = {"residual_of_modes": worst, "wall_seconds": time.perf_counter() - start}
-        solutions.append(Solution(values[k], flux[k, 0] + peaks[0], flux[k, 1] + peaks[1], diagnostics))
-    return solutions
+        values = add_up_all(routes, lights, run)
+        if progress is not None:
+            progress(total, total)
+    flux += change_peak_fluxes(routes)
+    diagnostics = {"residual_of_modes": worst, "wall_seconds": time.perf_counter() - start}
+    return [Solution(own, *fluxes, dict(diagnostics)) for own, fluxes in zip(values, flux, strict=True)]
 
 
 class Routes:
@@ -247,7 +240,7 @@ class Routes:
         self.plan, self.variations = plan, variations
         self.problem, self.carried = put_in_media(plan), find_carried(plan)
         self.media: dict[tuple[int, bool, int], Media] = {}
-        self.known: dict[Media, list[tuple[Change, Array | None]]] = {}
+        self.known: dict[Media, tuple[BeamPaths, list[tuple[Change, Array | None]]]] = {}
 
     def make(self, block: Block, last: int) -> Differentiating:
         """The way through a block, up to an order."""
@@ -255,15 +248,30 @@ class Routes:
         if own.media is None:
             key = own.thickness.size, bool(np.isinf(own.thickness[-1])), own.nodes.size
             if key not in self.media:
-                self.media[key] = put_block_in_media(self.plan, block)
+                is_all = key == (
+                    len(self.plan.request.scene.layers),
+                    np.isinf(self.problem.thickness[-1]),
+                    self.problem.nodes.size,
+                )
+                self.media[key] = self.problem.media if is_all else put_block_in_media(self.plan, block)
             own = replace(own, media=self.media[key])
-        assert own.media is not None
-        if own.media not in self.known:
-            beam_paths = BeamPaths(own, BLACK, 1, 1.0)
-            sources = np.array([*beam_paths.sources, (beam_paths.cut.interface.size - 1, LEAVING)])
-            changes = [find_change(beam_paths, one, self.carried) for one in self.variations]
-            self.known[own.media] = [(one, change_escapes(beam_paths, one, sources)) for one in changes]
-        return Differentiating(own, block.base, last + 1, self.plan.accuracy, self.known[own.media])
+        return Differentiating(own, block.base, last + 1, self.plan.accuracy, self.find_changes(own)[1])
+
+    def find_changes(self, problem: Problem) -> tuple[BeamPaths, list[tuple[Change, Array | None]]]:
+        """The beams of a problem in media, how these change with each variation, and the light that escapes from the
+        sources of all pieces and of the base."""
+        assert problem.media is not None
+        if problem.media not in self.known:
+            whole = replace(problem, stokes=ALL, columns=self.problem.columns)
+            beam_paths = BeamPaths(whole, BLACK, 1, 1.0)
+            given = self.variations, self.carried, list_all_sources(beam_paths)
+            self.known[problem.media] = beam_paths, find_changes(beam_paths, *given)
+        return self.known[problem.media]
+
+
+def list_all_sources(beam_paths: BeamPaths) -> IntArray:
+    """The sources of a stack and that of its base, whether this reflects or not, (source, 2)."""
+    return np.array([*beam_paths.sources, (beam_paths.cut.interface.size - 1, LEAVING)])
 
 
 def differentiate_block(
@@ -290,13 +298,34 @@ def differentiate_block(
             yield some, route.differentiate(some, own_run)
 
 
-def add_up_all(routes: Routes, lights: list[list[Light]], run: Run) -> Iterator[list[Array]]:
+def add_up_all(routes: Routes, lights: list[list[Light]], run: Run) -> list[list[Array]]:
     """For each variation its orders and what is scattered once, as the parts that are wanted."""
-    target = replace(make_target(routes.plan), problem=routes.problem)
-    given = routes.problem, routes.plan.request.scene.below, routes.variations, routes.carried, target.azimuths, run
-    sights, vertices = list_changed_vertices(*given)
-    for own, once in zip(lights, vertices, strict=True):
-        yield add_up(target, own, sights, once, run)
+    target, (beam_paths, known) = (
+        replace(make_target(routes.plan), problem=routes.problem),
+        routes.find_changes(routes.problem),
+    )
+    wanted, problem, media, sights = target.wanted, routes.problem, beam_paths.media, beam_paths.sights
+    escapes = find_escapes(media, beam_paths.cut, sights, problem.n_up, list(ALL), list_all_sources(beam_paths))
+    once = OnceScattered(beam_paths, routes.plan.request.scene.below, escapes, target.azimuths, run)
+    scattered: dict[Scatter, list[tuple[int, Vertex]]] = {}  # what several variations share is found once
+    parts = []
+    for k, (own, change) in enumerate(zip(lights, known, strict=True)):
+        parts.append(make_parts(target))
+        add_orders = PROCESSOR.prepare_orders(target, own, replace(run, threads=1))
+        for part in parts[-1]:
+            add_orders(Share(part, 0, wanted.scale.size))
+        for vertex in once.differentiate(*change):
+            scattered.setdefault(vertex.scatter, []).append((k, vertex))
+    scale = wanted.scale[:, None, None, None]
+    for scatter, vertices in scattered.items():
+        found = scatter(0, wanted.scale.size)
+        for k, vertex in vertices:
+            for part in parts[k]:
+                seen = show_scattered(sights, vertex, found, problem.n_up, part.levels, part.rows)
+                for t, light in seen:
+                    for column, at in enumerate(wanted.place.tolist()):
+                        part.values[t, ..., at] += scale * light[..., column]
+    return [[part.values for part in some] for some in parts]
 
 
 def find_carried(plan: Plan) -> int:
@@ -328,44 +357,30 @@ def put_block_in_media(plan: Plan, block: Block) -> Media:
     return Media(seen, nodes, locate_depths(seen, request.tau, find_under(request)))
 
 
-def add_up(target: Target, lights: list[Light], sights: Sights, vertices: list[Vertex], run: Run) -> list[Array]:
-    """Orders and what is scattered once, as the parts that are wanted."""
-    parts, wanted, n_up = make_parts(target), target.wanted, target.problem.n_up
-    add_orders = PROCESSOR.prepare_orders(target, lights, replace(run, threads=1))
-    for part in parts:
-        add_orders(Share(part, 0, wanted.scale.size))
-        scale = wanted.scale[:, None, None, None]
-        for t, light in show_vertices(sights, vertices, n_up, part.levels, part.rows, 0, wanted.scale.size):
-            for column, at in enumerate(wanted.place.tolist()):
-                part.values[t, ..., at] += scale * light[..., column]
-    return [part.values for part in parts]
-
-
-def change_peak_flux(beam_paths: BeamPaths, variation: Variation, carried: int) -> Array:
-    """Derivatives of the flux that forward peaks take along with the beam, (2, n_tau, n_in, n_col): that of the beam in
-    truncated layers less that of the true one."""
-    problem, media = beam_paths.problem, beam_paths.media
-    found = np.zeros((2, problem.level.size, problem.mu0.size, problem.columns.shape[0]))
+def change_peak_fluxes(routes: Routes) -> Array:
+    """Derivatives with each variation of the flux that forward peaks take along with the beam, (variation, 2, n_tau,
+    n_in, n_col): that of the beam in truncated layers less that of the true one."""
+    problem, (beam_paths, known) = routes.problem, routes.find_changes(routes.problem)
+    found = np.zeros((len(known), 2, problem.level.size, problem.mu0.size, problem.columns.shape[0]))
     if not problem.fraction.any():
         return found
-    plain = media.scene.layers
+    plain = beam_paths.media.scene.layers
+    stretch = np.array([1.0 - f * layer.albedo for f, layer in zip(problem.fraction, plain, strict=True)])
     true = replace(
         problem,
         thickness=np.array([layer.thickness for layer in plain]),
         fraction=np.zeros(len(plain)),
-        level=problem.level
-        / np.array([1.0 - f * layer.albedo for f, layer in zip(problem.fraction, plain, strict=True)])[
-            problem.level_layer
-        ],
+        level=problem.level / stretch[problem.level_layer],
     )
-    for one, sign in ((beam_paths, 1.0), (BeamPaths(true, BLACK, 1, 1.0), -1.0)):
-        change = find_change(one, variation, carried)
-        if not change.pieces.any():
-            continue
-        assert change.beams is not None
-        beams = change.beams
-        for t, (interface, under) in enumerate(zip(one.cut.at.tolist(), media.depths.under.tolist(), strict=True)):
-            ways = (beams.rising, beams.entering) if under else (beams.leaving, beams.arriving)
-            light = np.stack([way[interface, :, 0] for way in ways])[..., list(ALL)] @ problem.columns.T
-            found[:, t] += sign * light * problem.mu0[:, None]
+    straight = BeamPaths(true, BLACK, 1, 1.0)
+    others = find_changes(straight, routes.variations, routes.carried, list_all_sources(straight))
+    for one, changes, sign in ((beam_paths, known, 1.0), (straight, others, -1.0)):
+        for k, (change, _) in enumerate(changes):
+            if change.beams is None:
+                continue
+            beams = change.beams
+            for t, (at, under) in enumerate(zip(one.cut.at.tolist(), one.media.depths.under.tolist(), strict=True)):
+                ways = (beams.rising, beams.entering) if under else (beams.leaving, beams.arriving)
+                light = np.stack([way[at, :, 0] for way in ways]) @ problem.columns.T
+                found[k, :, t] += sign * light * problem.mu0[:, None]
     return found

@@ -1,7 +1,7 @@
 """Light scattered or reflected once, as it is seen through interfaces: in closed form over all Fourier orders."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -198,14 +198,25 @@ def show_vertices(
     sights: Sights, vertices: list[Vertex], n_up: int, levels: IntArray, rows: IntArray, first: int, last: int
 ) -> Iterator[tuple[int, Array]]:
     """What is seen at each level from the incident directions first .. last - 1: (n_in, n_row, n_phi, 4, n_col)."""
-    flip = np.where((rows < n_up)[:, None], FLIP, 1.0)[:, :, None, None]
     for vertex in vertices:
-        scattered = np.ascontiguousarray(vertex.scatter(first, last))
         power = np.ascontiguousarray(vertex.power[:, first:last])
-        for t, level in enumerate(levels.tolist()):
-            escapes = np.ascontiguousarray(flip * vertex.escapes[level, rows] * sights.index[level] ** 2)
-            if escapes.any():
-                yield t, _core.see_scattered(scattered, power, escapes, vertex.of, sights.place[level, rows])
+        yield from show_scattered(sights, replace(vertex, power=power), vertex.scatter(first, last), n_up, levels, rows)
+
+
+def show_scattered(
+    sights: Sights, vertex: Vertex, scattered: Array, n_up: int, levels: IntArray, rows: IntArray
+) -> Iterator[tuple[int, Array]]:
+    """The same of what the vertex has ``scattered``, of all of its power."""
+    flip = np.where((rows < n_up)[:, None], FLIP, 1.0)[:, :, None, None]
+    for t, level in enumerate(levels.tolist()):
+        escapes = np.ascontiguousarray(flip * vertex.escapes[level, rows] * sights.index[level] ** 2)
+        if escapes.any():
+            yield (
+                t,
+                _core.see_scattered(
+                    np.ascontiguousarray(scattered), vertex.power, escapes, vertex.of, sights.place[level, rows]
+                ),
+            )
 
 
 def find_rough_reflection(scene: Scene, mu_i: Array, mu_o: Array, phi: Array, run: Run) -> Array:

@@ -68,7 +68,8 @@ class Media:
 class Cut:
     """The layers cut wherever the field is wanted: pieces, and an interface above each and below the last.
 
-    layer (piece,); thickness (piece,), of the truncated layers; interface (piece + 1,): its index in the scene,
+    layer (piece,); thickness (piece,), of the truncated layers, or (piece, several) of stacks that are followed
+    together, direction by direction of one after another; interface (piece + 1,): its index in the scene,
     -1 for a mere cut; at (n_tau,): the interface that each depth lies at.
     """
 
@@ -133,14 +134,17 @@ def join_pieces(interfaces: Interfaces, cut: Cut) -> Interfaces:
     count = interfaces.above.shape[1]
     nothing, all_ = np.zeros((1, count, 4, 4)), np.broadcast_to(np.eye(4), (1, count, 4, 4))
     ways = (("above", nothing), ("below", nothing), ("down", all_), ("up", all_))
-    parts = (np.concatenate([getattr(interfaces, name), cut_])[cut.interface] for name, cut_ in ways)
+    parts = [np.concatenate([getattr(interfaces, name), cut_])[cut.interface] for name, cut_ in ways]
+    if cut.thickness.ndim > 1:
+        parts = [np.concatenate([part] * cut.thickness.shape[1], axis=1) for part in parts]
     return Interfaces(*(part.astype(cut.thickness.dtype, copy=False) for part in parts))
 
 
 def find_decaying_of_pieces(cut: Cut, cosines: Array) -> Array:
     """e^(-thickness/mu) of every piece, (piece, n); cosines (medium, n)."""
     inside = np.concatenate([cosines[:1], cosines[1 + cut.layer], cosines[-1:]])
-    return find_decaying(cut.thickness, inside)
+    each = [find_decaying(one, inside) for one in cut.thickness.reshape(cut.layer.size, -1).T]
+    return np.concatenate(each, axis=1)
 
 
 def find_beams(media: Media, cut: Cut, mu0: Array) -> tuple[Array, Passing]:
@@ -164,6 +168,11 @@ def find_escapes(media: Media, cut: Cut, sights: Sights, n_up: int, members: lis
         return trace_sights(media, cut, sights.cosines)
 
     traced = media.find_once(trace, "escapes", sights.cosines, cut.thickness, cut.interface, cut.at)
+    return take_escapes(traced, sights, n_up, members, sources)
+
+
+def take_escapes(traced: Array, sights: Sights, n_up: int, members: list[int], sources: Array) -> Array:
+    """The same of what `trace_sights` found."""
     interface, way = sources.T
     found = []
     for t, place in enumerate(sights.place):
@@ -179,7 +188,7 @@ def trace_sights(media: Media, cut: Cut, cosines: Array) -> Array:
     matrices are transposed, and transmit up what they transmitted down."""
     ways = join_pieces(media.interfaces_along(cosines), cut)
     above, below, down, up = (part.swapaxes(-1, -2) for part in vars(ways).values())
-    shape = cut.interface.size, cosines.shape[1], 4, cut.at.size, 2, 4
+    shape = cut.interface.size, above.shape[1], 4, cut.at.size, 2, 4
     rising, arriving, leaving, entering = (np.zeros(shape, cut.thickness.dtype) for _ in range(4))
     for t, (interface, under) in enumerate(zip(cut.at.tolist(), media.depths.under.tolist(), strict=True)):
         ends = (entering, rising) if under else (arriving, leaving)
