@@ -256,8 +256,8 @@ def solve_sasktran2(asked: Asked, engine: Any, atmosphere: Any) -> Field:
 def list_sasktran2_jacobians(asked: Asked, streams: int) -> dict[str, Array]:
     """Its derivatives of I, Q and U of the light up at the top, (mu, phi, 3), by the names of vrte: thickness, albedo
     and all coefficients of each layer, and the albedo of the base."""
-    engine, *how = make_sasktran2_engine(asked, streams)
-    atmosphere = make_sasktran2_atmosphere(asked, *how, derivatives=True)
+    engine, geometry, config = make_sasktran2_engine(asked, streams)
+    atmosphere = make_sasktran2_atmosphere(asked, geometry, config, derivatives=True)
     made = engine.calculate_radiance(atmosphere)
     shape = -1, asked.phi.size, 3
     found = {"base.albedo": made["wf_albedo"].values.reshape(shape)}

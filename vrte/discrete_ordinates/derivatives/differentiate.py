@@ -230,7 +230,7 @@ def differentiate_part(
             progress(total, total)
     flux += change_peak_fluxes(routes)
     diagnostics = {"residual_of_modes": worst, "wall_seconds": time.perf_counter() - start}
-    return [Solution(own, *fluxes, dict(diagnostics)) for own, fluxes in zip(values, flux, strict=True)]
+    return [Solution(own, up, down, dict(diagnostics)) for own, (up, down) in zip(values, flux, strict=True)]
 
 
 class Routes:
@@ -247,13 +247,12 @@ class Routes:
         own = block.problem
         if own.media is None:
             key = own.thickness.size, bool(np.isinf(own.thickness[-1])), own.nodes.size
-            if key not in self.media:
-                is_all = key == (
-                    len(self.plan.request.scene.layers),
-                    np.isinf(self.problem.thickness[-1]),
-                    self.problem.nodes.size,
-                )
-                self.media[key] = self.problem.media if is_all else put_block_in_media(self.plan, block)
+            whole = self.problem
+            assert whole.media is not None
+            if key == (whole.thickness.size, bool(np.isinf(whole.thickness[-1])), whole.nodes.size):
+                self.media[key] = whole.media
+            elif key not in self.media:
+                self.media[key] = put_block_in_media(self.plan, block)
             own = replace(own, media=self.media[key])
         return Differentiating(own, block.base, last + 1, self.plan.accuracy, self.find_changes(own)[1])
 
@@ -264,14 +263,15 @@ class Routes:
         if problem.media not in self.known:
             whole = replace(problem, stokes=ALL, columns=self.problem.columns)
             beam_paths = BeamPaths(whole, BLACK, 1, 1.0)
-            given = self.variations, self.carried, list_all_sources(beam_paths)
-            self.known[problem.media] = beam_paths, find_changes(beam_paths, *given)
+            sources = list_all_sources(beam_paths)
+            self.known[problem.media] = beam_paths, find_changes(beam_paths, self.variations, self.carried, sources)
         return self.known[problem.media]
 
 
-def list_all_sources(beam_paths: BeamPaths) -> IntArray:
+def list_all_sources(beam_paths: BeamPaths) -> Array:
     """The sources of a stack and that of its base, whether this reflects or not, (source, 2)."""
-    return np.array([*beam_paths.sources, (beam_paths.cut.interface.size - 1, LEAVING)])
+    found: Array = np.array([*beam_paths.sources, (beam_paths.cut.interface.size - 1, LEAVING)])
+    return found
 
 
 def differentiate_block(

@@ -144,12 +144,12 @@ class OnceScattered:
         if deeper.any():
             slope = np.exp(-length / mu_in[:, None]) / mu_out
             strength = strength + gain * deeper * (slope - path / mu_out if way else slope * np.exp(-length / mu_out))
-        some = np.flatnonzero(strength.any(axis=(1, 2)))
+        some = np.flatnonzero(strength.any(axis=(1, 2))).astype(np.int32)
         if some.size:
             yield some, self.make_scatterer(pieces[some], way, strength[some])
         for layer in np.unique(layers).tolist():
             if change.layers[layer].whole.any():
-                some = np.flatnonzero(layers == layer)
+                some = np.flatnonzero(layers == layer).astype(np.int32)
                 table = np.concatenate([_core.series_table(change.layers[layer].whole)] * some.size)
                 yield some, self.make_scatterer(pieces[some], way, (gain * path)[some], table)
 
