@@ -108,8 +108,8 @@ def test_which_files_are_measurements_and_what_was_read(data: bytes) -> None:
     ):
         assert [is_measurement(one, suffix, wanted=wanted) for wanted in (False, True)] == [unasked, asked]
     assert list(describe_measured(ROWS)) == [
-        ("f00", "4", "30°", "-60 to 60° (4)", "0°", "–", "yes"),
-        ("total_reflectance", "2", "0 to 60° (2)", "–", "–", "–", "yes"),
+        ("f00", "4", "30°", "-60 to 60° (4)", "0°", "–", "–", "yes"),
+        ("total_reflectance", "2", "0 to 60° (2)", "–", "–", "–", "–", "yes"),
     ]
 
 

@@ -61,10 +61,50 @@ def test_instruments_and_colours_are_those_of_appearance() -> None:
     assert_close(rows.predict(content, wavelengths_um=wavelengths), expected, rtol=0.0, atol=2e-4)
 
 
+def test_rows_over_black_and_over_white_are_one_measurement() -> None:
+    """Each row has the base of its own, by the algebra of bases; the others keep that of the scene."""
+    film = {"layer": [{"phase": "rayleigh", "albedo": 0.9, "thickness": 0.7}]}
+    given = film | {"base": {"kind": "lambertian", "albedo": 0.3}}
+    rows = vrte.Measurement("total_reflectance", 0.0, theta_i_deg=8.0, base=[0.0, 0.8, NAN])
+    expected = [
+        vrte.Measurement("total_reflectance", 0.0, theta_i_deg=8.0).predict(
+            film | {"base": {"kind": "lambertian", "albedo": albedo}}, nodes=6
+        )
+        for albedo in (0.0, 0.8, 0.3)
+    ]
+    assert_close(rows.predict(given, nodes=6), np.concatenate(expected), rtol=1e-13, atol=0.0)
+    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 0.7)], vrte.Lambertian(0.3))
+    assert_close(rows.predict(scene, nodes=6), np.concatenate(expected), rtol=1e-13, atol=0.0)
+    colours = vrte.Measurement(["L", "L"], 0.0, geometry="8:di", base=[0.0, 0.8])
+    dark, light = colours.predict(given, nodes=4)
+    assert light == close_to(colours.pick([1]).predict(given, nodes=4)[0], rtol=1e-13, atol=0.0)
+    assert dark + 10.0 < light
+    free = ["layer[1].thickness", "layer[1].albedo"]  # over one base alone they cannot be told apart
+    measured = rows.pick([0, 1]).measure(expected[0].tolist() + expected[1].tolist(), 1e-3)
+    found = vrte.fit(measured, film | {"layer": [film["layer"][0] | {"thickness": 0.4, "albedo": 0.8}]}, free, nodes=6)
+    assert_close(found.values, [0.7, 0.9], rtol=1e-6, atol=0.0)
+    with pytest.raises(vrte.SceneError, match=r"base\.albedo is a number of the base, and rows .* have bases of their"):
+        vrte.fit(rows, given, ["base.albedo"], nodes=6)
+    with pytest.raises(vrte.SceneError, match="row 1: base must be the albedo of a Lambertian base"):
+        vrte.Measurement("total_reflectance", 0.5, theta_i_deg=8.0, base=1.5)
+
+
+def test_a_paint_lies_over_the_base_of_a_row() -> None:
+    paint = {"paint": {"pigment": "rutile", "volume_fraction": 0.1, "binder": "alkyd", "thickness_um": 20.0}}
+    rows = vrte.Measurement("reflectance", 0.0, geometry="8:di", wavelength_um=0.55, base=[0.0, 0.8])
+    black, white = rows.predict(paint, nodes=6)
+    own = rows.pick([0]).measure(0.0)
+    grey = {"paint": paint["paint"] | {"substrate": {"kind": "lambertian", "albedo": 0.8}}}
+    plain = vrte.Measurement("reflectance", 0.0, geometry="8:di", wavelength_um=0.55)
+    assert_close(plain.predict(grey, nodes=6), white, rtol=1e-13, atol=0.0)
+    assert_close(own.predict(grey, nodes=6), black, rtol=1e-13, atol=0.0)
+    assert black + 0.03 < white
+
+
 def test_a_table_that_is_written_reads_back(tmp_path: Path) -> None:
     angles = {"theta_i_deg": [10.0, NAN, NAN], "theta_o_deg": [-20.0, NAN, NAN], "wavelength_um": [0.5, 0.6, NAN]}
     names, values, geometry = ["f00", "reflectance", "L"], [0.1, 1 / 3, 55.0], ["", "8:di", "45:0"]
-    rows = vrte.Measurement(names, values, [0.01, 0.02, 0.5], **angles, geometry=geometry)
+    rows = vrte.Measurement(names, values, [0.01, 0.02, 0.5], **angles, geometry=geometry, base=[NAN, 0.0, 0.8])
     rows.save(tmp_path / "rows.csv", "two lines\nof a comment")
     back = vrte.read_measurement(tmp_path / "rows.csv")
     for name in COLUMNS:

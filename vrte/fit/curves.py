@@ -15,7 +15,7 @@ COORDINATES = {  # in words, as a sign, and the unit
     "phi_deg": ("azimuth φ", "φ", "°"),
     "theta_i_deg": ("angle of incidence", "θᵢ", "°"),
 }
-LABELS = "geometry", "illuminant"  # columns of words that part curves, too
+LABELS = "geometry", "illuminant", "base"  # columns that part curves, too
 NUMBERS, COLOURS = "single numbers", "colour coordinates"  # what is shown as bars
 DIGITS = 9  # to which two angles or wavelengths are the same
 
@@ -94,6 +94,6 @@ def write_coordinate(name: str, value: Any) -> str:
     ('θᵢ = 30°', 'λ = 0.55 µm')
     """
     if name in LABELS:
-        return str(value)
+        return str(value) if name != "base" else "" if np.isnan(value) else f"base {value:.5g}"
     _, sign, unit = COORDINATES[name]
     return "" if np.isnan(value) else f"{sign} = {value:.5g}{'' if unit == '°' else ' '}{unit}"

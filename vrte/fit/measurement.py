@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from vrte.scene.scene import Scene
 
 DEFAULTS: dict[str, Any] = {"illuminant": "D65", "observer": 10.0, "phi_deg": 0.0}  # where a place is left empty
-OPTIONAL = ("wavelength_um",)
+OPTIONAL = ("wavelength_um", "base")
 OUTSIDE = 5.0  # sigmas that a value may lie beyond what its quantity can be
 
 
@@ -56,6 +56,9 @@ class Measurement:
         The light of colours; "D65" where left out.
     observer : int or sequence of int, optional
         Degrees of the observer of colours, 2 or 10; 10 where left out.
+    base : float or array_like (n,), optional
+        Albedo of the Lambertian base under the panel, 0 to 1, in place of the scene's own base, so that a film over
+        black and over white is one measurement; the scene's where left out.
 
     Raises
     ------
@@ -80,6 +83,7 @@ class Measurement:
     geometry: Any = None
     illuminant: Any = None
     observer: Any = None
+    base: Any = None
 
     def __post_init__(self) -> None:
         columns = {name: make_column(name, getattr(self, name)) for name in COLUMNS}
@@ -107,7 +111,7 @@ class Measurement:
         for name in COORDINATES:
             column = getattr(self, name)
             empty = column[rows] == "" if name in WORDS else np.isnan(column[rows])
-            if name not in known.needs and not (name in OPTIONAL and known.needs != LOOK):
+            if name not in known.needs and not (name == "base" or (name in OPTIONAL and known.needs != LOOK)):
                 self._refuse(rows, ~empty, name, f"must be empty: {what} has none")
                 continue
             if name not in DEFAULTS and name not in OPTIONAL:
@@ -219,6 +223,7 @@ ALLOWED = {
     "theta_o_deg": (np.nextafter(-90.0, 0.0), 90.0, "degrees from the normal, above -90 and below 90: the horizon"),
     "phi_deg": (-3600.0, 3600.0, "degrees"),
     "wavelength_um": (1e-6, 1e6, "a wavelength in um, above 0"),
+    "base": (0.0, np.nextafter(1.0, 2.0), "the albedo of a Lambertian base, from 0 to 1"),
 }
 
 

@@ -3,7 +3,7 @@
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from vrte.appearance.geometries import (
     subtract_port,
 )
 from vrte.appearance.panel import choose_wavelengths
-from vrte.basics.arrays import Array
+from vrte.basics.arrays import Array, put_in_one_line
 from vrte.basics.differences import STEP, sample_around
 from vrte.basics.errors import SceneError
 from vrte.basics.running import run_interruptible
@@ -36,12 +36,13 @@ from vrte.formats.scene_file import OPTION_KEYS, REQUESTS, read_content
 from vrte.methods import choose_method, make_run
 from vrte.request.how import EXACT
 from vrte.results.brdf import check_ascending
+from vrte.scene.boundary import Lambertian
 from vrte.scene.illumination import hemisphere
 from vrte.scene.scene import Scene
 from vrte.scene.vary import Variation
 
 ACCURACY = 1e-5  # of a solve, where neither nodes nor an accuracy is asked for
-Wavelength = float | None
+Spot = tuple[float | None, float | None]  # a wavelength [um] and the albedo of a base; None: the scene's own
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,12 +56,12 @@ class Instrument:
 
 class Model:
     """The rows of a measurement as a function of some numbers of a scene: ``source`` as it was given, ``families`` at
-    each wavelength; the ``nodes`` of all solves, once chosen, their number ``solves``, and ``notes`` on them."""
+    each wavelength and base; the ``nodes`` of all solves, once chosen, their number ``solves``, and ``notes`` on them."""
 
     def __init__(
         self,
         measurement: Measurement,
-        families: Mapping[Wavelength, SceneFamily],
+        families: Mapping[Spot, SceneFamily],
         options: Mapping[str, Any],
         colours_um: Array,
         jacobian: str = "exact",
@@ -71,9 +72,9 @@ class Model:
         self.source = next(iter(self.families.values())) if source is None else source
         self.notes: list[str] = []
         self.nodes: int | None = self.options.get("nodes")
-        self.sights: dict[Wavelength, Sight] = {}
-        self.direct: dict[tuple[str, Wavelength], list[tuple[int, int]]] = {}  # rows, and their places in a sight
-        self.read_by_instruments: list[tuple[int, list[tuple[Wavelength, Instrument]]]] = []  # rows; several: colours
+        self.sights: dict[Spot, Sight] = {}
+        self.direct: dict[tuple[str, Spot], list[tuple[int, int]]] = {}  # rows, and their places in a sight
+        self.read_by_instruments: list[tuple[int, list[tuple[Spot, Instrument]]]] = []  # rows; several: colours
         for row in range(len(measurement)):
             self._add_row(row)
         rows = [row for row, _ in self.read_by_instruments if measurement.illuminant[row]]
@@ -95,25 +96,25 @@ class Model:
     def _add_row(self, row: int) -> None:
         """What a row asks for."""
         given = self.measurement
-        name, at = given.quantity[row], given.wavelength_um[row]
-        known, wavelength = QUANTITIES[name], None if math.isnan(at) else float(at)
+        name, spot = given.quantity[row], find_spot(given, row)
+        known = QUANTITIES[name]
         if given.geometry[row]:
-            several = self.colours_um.tolist() if known.needs == LOOK else [wavelength]
+            several = [(one, spot[1]) for one in self.colours_um.tolist()] if known.needs == LOOK else [spot]
             geometry = read_geometry(given.geometry[row])
             self.read_by_instruments.append((row, [(one, self._place_instrument(one, geometry)) for one in several]))
             return
-        sight = self.sights.setdefault(wavelength, Sight())
+        sight = self.sights.setdefault(spot, Sight())
         mu_i, theta_o, phi = find_cosine(given.theta_i_deg[row]), given.theta_o_deg[row], given.phi_deg[row]
         if known.needs == BEAM:
             index = sight.add_beam(mu_i, known.through)
         else:
             turned = phi + 180.0 * bool(theta_o < 0.0)
             index = sight.add_triple(known.through, mu_i, find_cosine(theta_o), turned)
-        self.direct.setdefault((name, wavelength), []).append((row, index))
+        self.direct.setdefault((name, spot), []).append((row, index))
 
-    def _place_instrument(self, wavelength: Wavelength, geometry: Geometry) -> Instrument:
-        """The directions of an instrument, added to the sight of a wavelength."""
-        sight = self.sights.setdefault(wavelength, Sight())
+    def _place_instrument(self, spot: Spot, geometry: Geometry) -> Instrument:
+        """The directions of an instrument, added to the sight of a wavelength and base."""
+        sight = self.sights.setdefault(spot, Sight())
         mu_i, mu_o, phi = geometry.directions
         if geometry.angle_o is not None:
             return Instrument(geometry, (), sight.add_triple(False, float(mu_i[0]), float(mu_o[0]), float(phi[0])))
@@ -146,7 +147,7 @@ class Model:
 
     def find_nodes(self, values: Array) -> int | None:
         """The most nodes that the accuracy takes; None for a method that has none."""
-        order = sorted(self.sights, key=lambda one: one or 0.0)
+        order = sorted(self.sights, key=lambda one: (one[0] or 0.0, one[1] or 0.0))
         looked_at = [*dict.fromkeys((order[0], order[len(order) // 2], order[-1]))]
         options = {key: one for key, one in self.options.items() if key != "nodes"}
         plain = {"grading": 1} if options.get("method", EXACT) == EXACT else {}  # the nodes are kept by their number
@@ -161,22 +162,22 @@ class Model:
         return self._read(self._solve(values, [*self.sights], options, with_slopes))
 
     def _solve(
-        self, values: Array, wavelengths: Sequence[Wavelength], options: dict[str, Any], with_slopes: bool
-    ) -> dict[Wavelength, list[Solved]]:
-        """The solves of some wavelengths at these numbers, side by side where there are several."""
-        indices = [(one, part) for one in wavelengths for part in self.sights[one].split()]
+        self, values: Array, spots: Sequence[Spot], options: dict[str, Any], with_slopes: bool
+    ) -> dict[Spot, list[Solved]]:
+        """The solves of some wavelengths and bases at these numbers, side by side where there are several."""
+        indices = [(one, part) for one in spots for part in self.sights[one].split()]
         alone = len(indices) == 1
         how = options if alone else options | {"threads": 1}
 
-        def make(wavelength: Wavelength) -> tuple[Scene, list[Variation]]:
-            family = self.families[wavelength]
-            with name_wavelength(wavelength):
+        def make(spot: Spot) -> tuple[Scene, list[Variation]]:
+            family = self.families[spot]
+            with name_wavelength(spot[0]):
                 scene = family.at(values)
                 return scene, read_derivatives(scene, family.variations(values)) if with_slopes else []
 
-        def solve(wavelength: Wavelength, sight: Sight) -> Solved:
-            scene, variations = scenes[wavelength]
-            with name_wavelength(wavelength):
+        def solve(spot: Spot, sight: Sight) -> Solved:
+            scene, variations = scenes[spot]
+            with name_wavelength(spot[0]):
                 request = choose_method(sight.ask(scene, how))
                 run = make_run(request)
                 run.runtime_warned = True
@@ -188,20 +189,20 @@ class Model:
             return sight, request, solution, [one.solution for one in found], variations
 
         self.solves += len(indices)
-        scenes = dict(zip(wavelengths, run_side_by_side([partial(make, one) for one in wavelengths]), strict=True))
+        scenes = dict(zip(spots, run_side_by_side([partial(make, one) for one in spots]), strict=True))
         tasks = [partial(solve, *one) for one in indices]
         solved = [tasks[0]()] if alone else run_side_by_side(tasks)
-        found: dict[Wavelength, list[Solved]] = {}
+        found: dict[Spot, list[Solved]] = {}
         for (one, _), made in zip(indices, solved, strict=True):
             found.setdefault(one, []).append(made)
         return found
 
-    def _read(self, solved: Mapping[Wavelength, list[Solved]]) -> Array:
+    def _read(self, solved: Mapping[Spot, list[Solved]]) -> Array:
         """Jets of all rows (1 + n, rows)."""
         seen = {one: read_sight(self.sights[one], some) for one, some in solved.items()}
         out = np.zeros((next(iter(seen.values())).matrices.shape[0], len(self.measurement)))
-        for (name, wavelength), pairs in self.direct.items():
-            known, light = QUANTITIES[name], seen[wavelength]
+        for (name, spot), pairs in self.direct.items():
+            known, light = QUANTITIES[name], seen[spot]
             rows, indices = np.transpose(pairs)
             if known.needs == DIRECTIONS:
                 out[:, rows] = known.read(light.matrices[:, indices])
@@ -238,6 +239,24 @@ def read_instrument(made: Instrument, seen: Seen) -> Array:
     return subtract_port(shares.reflected[:, beams[0]], there, own, geometry.angle_i, PORT_DEG)
 
 
+def find_spot(given: Measurement, row: int) -> Spot:
+    """The wavelength and the albedo of the base of a row."""
+    wavelength, base = (None if math.isnan(one) else float(one) for one in (given.wavelength_um[row], given.base[row]))
+    return wavelength, base
+
+
+def put_over(source: Any, albedo: float | None) -> Any:
+    """A scene, or the content of a file, over a Lambertian base of that albedo; as it is for None."""
+    if albedo is None:
+        return source
+    if isinstance(source, Scene):
+        return replace(source, base=Lambertian(albedo))
+    base = {"kind": "lambertian", "albedo": albedo}
+    return (
+        {**source, "paint": {**source["paint"], "substrate": base}} if "paint" in source else {**source, "base": base}
+    )
+
+
 def make_family(source: Any, names: Sequence[str], folder: str | os.PathLike[str]) -> SceneFamily:
     """The scenes by their free numbers, which all have a value. Raises SceneError that says what is free."""
     try:
@@ -262,7 +281,13 @@ def make_model(
 ) -> Model:
     """The model of a measurement by a scene, of which numbers with these names change. Raises SceneError, OSError."""
     looks = [QUANTITIES[name].needs == LOOK for name in measurement.quantity.tolist()]
-    at = {None if math.isnan(one) else float(one) for one in measurement.wavelength_um[np.logical_not(looks)].tolist()}
+    spots = [find_spot(measurement, row) for row in range(len(measurement))]
+    at = {spot for spot, look in zip(spots, looks, strict=True) if not look}
+    if any(base is not None for _, base in spots):
+        for name in names:
+            if name.startswith(("base", "paint.substrate")):
+                words = "is a number of the base, and rows of the measurement have bases of their own: leave one out"
+                raise SceneError(f"free: {put_in_one_line(name)} {words}", "free")
     if wavelengths_um is not None and not any(looks):
         raise SceneError.of("wavelengths_um", "are of colours, and none was measured")
     given = {"nodes": nodes, "accuracy": accuracy, "threads": threads}
@@ -270,11 +295,15 @@ def make_model(
     if isinstance(scene, SceneFamily):
         scene, folder = scene.source, scene.folder or folder
     if isinstance(scene, Scene):
-        if any(looks) or at != {None}:
-            of = "of colours" if any(looks) else f"at {max(one for one in at if one):g} um"
+        if any(looks) or any(one for one, _ in at):
+            of = "of colours" if any(looks) else f"at {max(one for one, _ in at if one):g} um"
             words = f"the measurement is {of}, and a vrte.Scene knows no wavelength: give a scene file or its content"
             raise SceneError(words)
-        return Model(measurement, {None: make_family(scene, names, folder)}, asked, np.zeros(0), jacobian)
+        source = make_family(scene, names, folder)
+        families = {
+            spot: make_family(put_over(scene, spot[1]), names, folder) if spot[1] is not None else source for spot in at
+        }
+        return Model(measurement, families, asked, np.zeros(0), jacobian, source)
     if isinstance(scene, Mapping):
         content = dict(scene)
     else:
@@ -284,10 +313,14 @@ def make_model(
     if any(looks):
         chosen = choose_wavelengths(content, Path(folder)) if wavelengths_um is None else wavelengths_um
         colours_um = check_ascending(chosen)
-        at |= {*colours_um.tolist()}
+        bases = {base for (_, base), look in zip(spots, looks, strict=True) if look}
+        at |= {(one, base) for one in colours_um.tolist() for base in bases}
     bare = {key: one for key, one in content.items() if key not in REQUESTS}
     source = make_family(content, names, folder)
-    families = {one: make_family(bare if one is None else {**bare, "wavelength_um": one}, names, folder) for one in at}
+    families = {
+        (one, base): make_family(put_over(bare if one is None else {**bare, "wavelength_um": one}, base), names, folder)
+        for one, base in at
+    }
     options = {key: content[key] for key in OPTION_KEYS if key in content} | asked
     if "nodes" in asked:
         options.pop("accuracy", None)

@@ -23,7 +23,8 @@ FEW_RUNS = 0.1  # chance below which signs are said to change rarely
 NEVER = 1e-16  # chance below which no number is said
 NO_NOISE = 0.5, 1e-4  # root mean square of residuals below which their pattern is no matter: in sigmas, of the values
 LEAST_PER_CENT, MOST_PER_CENT = 2.0, 150.0  # medians of factors that look like per cent
-SERIES = ("quantity", "geometry", "wavelength_um", "theta_i_deg", "phi_deg", "theta_o_deg")  # rows in their order
+# coordinates in whose order rows are looked through
+SERIES = ("quantity", "geometry", "base", "wavelength_um", "theta_i_deg", "phi_deg", "theta_o_deg")
 ALIKE = 0.99  # of a correlation: beyond, two numbers cannot be told apart
 LEAST = 3.0  # of a singular value: below, a third of a number's value is less than one sigma of all data together
 NOTICED = 0.1  # sigma of any one row

@@ -9,7 +9,16 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.views import Figure
-from vrte.fit.curves import COLOURS, COORDINATES, NUMBERS, CurveRows, find_axis, find_rows, split_curves
+from vrte.fit.curves import (
+    COLOURS,
+    COORDINATES,
+    NUMBERS,
+    CurveRows,
+    find_axis,
+    find_rows,
+    split_curves,
+    write_coordinate,
+)
 from vrte.fit.measurement import Measurement
 from vrte.fit.quantities import QUANTITIES
 from vrte.fit.result import Fit
@@ -75,7 +84,8 @@ def measurement(
             replace(upper[0], bar=-0.38, colour=PALETTE[0]),
             *(replace(line, name="vrte", colour=PALETTE[3], bar=0.0, listed=True) for line in upper[1:]),
         ]
-        names = [str(name).replace("_", " ") for name in measured.quantity[rows]]
+        pairs = zip(measured.quantity[rows], measured.base[rows], strict=True)
+        names = [f"{name} {write_coordinate('base', base)}".replace("_", " ").strip() for name, base in pairs]
         along = Axis("", -0.7, rows.size - 0.3, ticks=one.x, words=names)
         under = "measured" + ("" if predicted is None else f", and vrte's, {source}, beside")
     else:

@@ -130,8 +130,8 @@ def fit_scene(exchange: Exchange, content: Content, folder: Path, data: bytes, s
     return Fitted(content, tuple(found.names), *fitted, found.blind_spots, notes, page)
 
 
-HEADS = ("quantity", "points", "incidence", "exit", "azimuth", "wavelength", "sigma")
-COORDINATE_NAMES = ("theta_i_deg", "theta_o_deg", "phi_deg", "wavelength_um")
+HEADS = ("quantity", "points", "incidence", "exit", "azimuth", "wavelength", "base", "sigma")
+COORDINATE_NAMES = ("theta_i_deg", "theta_o_deg", "phi_deg", "wavelength_um", "base")
 FINE = 61  # points of a curve from its first to its last angle
 MOST_FINE = 1500  # directions that are worth a finer curve
 
@@ -156,8 +156,8 @@ def refine_curves(measured: Measurement) -> Measurement | None:
             x = np.union1d(np.linspace(curve.x[0], curve.x[-1], FINE).round(DIGITS), curve.x.round(DIGITS))
             first = curve.rows[0]
             phi = (float(measured.phi_deg[first]) + (180.0 if measured.theta_o_deg[first] < 0.0 else 0.0)) % 180.0
-            theta_i, wavelength = measured.theta_i_deg[first], measured.wavelength_um[first]
-            parts += [(quantity, theta_i, abs(o), phi + (180.0 if o < 0.0 else 0.0), wavelength) for o in x.tolist()]
+            theta_i, at = measured.theta_i_deg[first], (measured.wavelength_um[first], measured.base[first])
+            parts += [(quantity, theta_i, abs(o), phi + (180.0 if o < 0.0 else 0.0), *at) for o in x.tolist()]
     if not 0 < len(parts) <= MOST_FINE:
         return None
     columns = zip(("quantity", *COORDINATE_NAMES), map(list, zip(*parts, strict=True)), strict=True)
@@ -168,14 +168,15 @@ def describe_measured(measured: Measurement) -> Iterator[tuple[str, ...]]:
     """Rows of a table: quantity, number of points, angles, wavelengths, and whether their errors are known."""
     for quantity in measured.names:
         rows = find_rows(measured, quantity)
-        ranges = [write_range(getattr(measured, name)[rows], COORDINATES[name][2]) for name in COORDINATE_NAMES]
+        units = {name: COORDINATES[name][2] if name in COORDINATES else "" for name in COORDINATE_NAMES}
+        ranges = [write_range(getattr(measured, name)[rows], unit) for name, unit in units.items()]
         yield quantity, str(rows.size), *ranges, "yes" if measured.has_sigma else "no"
 
 
 def write_range(column: Array, unit: str) -> str:
     """The range of a column and its number of values, as text."""
     values = np.unique(column[np.isfinite(column)].round(DIGITS))
-    space = "" if unit == "°" else " "
+    space = " " if unit == "µm" else ""
     if values.size == 0:
         return "–"
     if values.size == 1:
