@@ -282,7 +282,7 @@ def make_model(
     """The model of a measurement by a scene, of which numbers with these names change. Raises SceneError, OSError."""
     looks = [QUANTITIES[name].needs == LOOK for name in measurement.quantity.tolist()]
     spots = [find_spot(measurement, row) for row in range(len(measurement))]
-    at = {spot for spot, look in zip(spots, looks, strict=True) if not look}
+    at = dict.fromkeys(spot for spot, look in zip(spots, looks, strict=True) if not look)
     if any(base is not None for _, base in spots):
         for name in names:
             if name.startswith(("base", "paint.substrate")):
@@ -313,8 +313,8 @@ def make_model(
     if any(looks):
         chosen = choose_wavelengths(content, Path(folder)) if wavelengths_um is None else wavelengths_um
         colours_um = check_ascending(chosen)
-        bases = {base for (_, base), look in zip(spots, looks, strict=True) if look}
-        at |= {(one, base) for one in colours_um.tolist() for base in bases}
+        bases = dict.fromkeys(base for (_, base), look in zip(spots, looks, strict=True) if look)
+        at |= dict.fromkeys((one, base) for one in colours_um.tolist() for base in bases)
     bare = {key: one for key, one in content.items() if key not in REQUESTS}
     source = make_family(content, names, folder)
     families = {

@@ -178,12 +178,14 @@ class Fit:
         return load_fit(path, folder)
 
     def scene(self, wavelength_um: float | None = None) -> Scene:
-        """The scene that fits best at one of the measurement's wavelengths [um], by default its own or the first."""
-        families = self.find_problem().model.families
-        wanted = next(iter(families)) if wavelength_um is None else float(wavelength_um)
+        """The scene that fits best at one of the measurement's wavelengths [um], by default its own or the first; over the
+        first of the measurement's bases, where rows have some."""
+        known = self.find_problem().model.families
+        families = {wavelength: known[wavelength, base] for wavelength, base in reversed([*known])}
+        wanted = next(iter(known))[0] if wavelength_um is None else float(wavelength_um)
         if wanted not in families:
-            known = ", ".join(f"{one:g}" for one in families if one is not None) or "only the scene's own"
-            raise SceneError.of("wavelength_um", f"must be one of the fit's, {known}, not {wavelength_um}")
+            allowed = ", ".join(f"{one:g}" for one in reversed(families) if one is not None) or "only the scene's own"
+            raise SceneError.of("wavelength_um", f"must be one of the fit's, {allowed}, not {wavelength_um}")
         return families[wanted].at(np.array(self.values))
 
     def write_scene(self, path: str | os.PathLike[str]) -> None:

@@ -12,6 +12,7 @@ from vrte.basics.views import Figure
 from vrte.fit.curves import (
     COLOURS,
     COORDINATES,
+    LABELS,
     NUMBERS,
     CurveRows,
     find_axis,
@@ -211,9 +212,7 @@ def make_rows(fit: Fit) -> str:
     head = ("row", "quantity", "where", "measured", "sigma", "fitted", "residual", "unit")
     rows = []
     for k in range(min(len(given), MOST_ROWS)):
-        at = {name: getattr(given, name)[k] for name in ("theta_i_deg", "theta_o_deg", "phi_deg", "wavelength_um")}
-        where = [f"{name.rpartition('_')[0]} {value:g}" for name, value in at.items() if value == value]
-        where += [given.geometry[k]] if given.geometry[k] else []
+        where = filter(None, (write_coordinate(name, getattr(given, name)[k]) for name in (*COORDINATES, *LABELS)))
         numbers = (fit.measured[k], fit.sigma[k], fit.predicted[k], fit.residuals[k])
         name = given.quantity[k]
         rows.append((str(k + 1), name, ", ".join(where), *map(float, numbers), QUANTITIES[name].unit))
