@@ -56,7 +56,7 @@ class Instrument:
 
 class Model:
     """The rows of a measurement as a function of some numbers of a scene: ``source`` as it was given, ``families`` at
-    each wavelength and base; the ``nodes`` of all solves, once chosen, their number ``solves``, and ``notes`` on them."""
+    each wavelength and base; the ``nodes`` of all solves, once chosen; how many ``solves``; ``notes`` on them."""
 
     def __init__(
         self,

@@ -178,8 +178,8 @@ class Fit:
         return load_fit(path, folder)
 
     def scene(self, wavelength_um: float | None = None) -> Scene:
-        """The scene that fits best at one of the measurement's wavelengths [um], by default its own or the first; over the
-        first of the measurement's bases, where rows have some."""
+        """The scene that fits best at one of the measurement's wavelengths [um], by default its own or the first;
+        over the first of the measurement's bases, where rows have some."""
         known = self.find_problem().model.families
         families = {wavelength: known[wavelength, base] for wavelength, base in reversed([*known])}
         wanted = next(iter(known))[0] if wavelength_um is None else float(wavelength_um)
