@@ -148,6 +148,7 @@ def list_calls(made: dict[str, Any]) -> list[Case]:
         (FLAKES.reflect, {"cosine": 0.5}),
         (FLAKES.find_density, {"tilt": 0.1}),
         (FLAKES.scatter, {"mu_out": 0.5, "mu_in": -0.5, "phi": 1.0}),
+        (FLAKES.scatter_orders, {"mu_out": 0.5, "mu_in": -0.5, "n_order": 2}),
         (vrte.flakes, {"index": 1.5, "tilt_deg": 12.0, "wavelength_um": 0.5, "host_index": 1.5}),
         (vrte.Layer.of, {"particles": made["particles"], "thickness_um": 1.0, "volume_fraction": 0.01}),
         (vrte.Layer.clear, {"thickness_um": 1.0, "host_index": 1.5, "wavelength_um": 0.5}),

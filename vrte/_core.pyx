@@ -20,7 +20,7 @@ import numpy as np
 
 from cython.parallel cimport prange, threadid
 from libc.math cimport (
-    INFINITY, M_PI as PI, acos, asin, cbrt, cos, erfc, exp, expm1, fabs, fmax, hypot, sin, sqrt, tanh)
+    INFINITY, M_PI as PI, acos, asin, atan, cbrt, cos, erfc, exp, expm1, fabs, fmax, hypot, sin, sqrt, tan, tanh)
 from libc.string cimport memcpy, memset
 from scipy.linalg.cython_blas cimport ddot, dgemm, dgemv, idamax
 from scipy.linalg.cython_lapack cimport dgeevx, dgetrf, dgetri, dgetrs, dsyevd
@@ -36,8 +36,9 @@ include "core/spherical.pxi"
 include "core/parity.pxi"
 include "core/bounds.pxi"
 
-# Rough surfaces, order by order.
+# Rough surfaces and oriented flakes, order by order.
 include "core/facets.pxi"
+include "core/flakes.pxi"
 
 # Sections 2.C and 3.A of the GPU paper, one Fourier order and layer at a time.
 include "core/assembly.pxi"

@@ -51,19 +51,10 @@ cdef int facet_orders_one(const void* task, int item, Workspace desk) noexcept n
     cdef double n = f.index, mu_i = f.mu_i[item], mu_o = f.mu_o[item], sum_of_sines, width, last, next
     cdef double edge = 0.0, before = 0.0
     cdef double lobe, seen, lit, longest = <double>f.n_point / max(1, f.n_order - 1), critical = -1.0, cosine, unit
-    cdef int piece, m, k
+    cdef int piece
     cdef doubles out = f.out + <size_t>item * f.n_order * 16
-    cdef doubles low
-    cdef doubles high
-    cdef Samples t
-    t.count = 0
-    t.even = desk.work
-    t.odd = t.even + 8 * AZIMUTHS
-    t.turn = t.odd + 8 * AZIMUTHS
-    t.multiples = t.turn + 4 * AZIMUTHS
-    t.sums = t.multiples + <size_t>2 * f.n_order * AZIMUTHS
+    cdef Samples t = begin_orders(f, desk)
     set_zero(<size_t>f.n_order * 16, out)
-    set_zero(<size_t>f.n_order * 16, t.sums)
     p.mu_i, p.mu_o = mu_i, mu_o
     p.sine_i, p.sine_o = sqrt((1.0 - mu_i) * (1.0 + mu_i)), sqrt((1.0 - mu_o) * (1.0 + mu_o))
     sum_of_sines = p.sine_i * mu_o + mu_i * p.sine_o
@@ -116,7 +107,45 @@ cdef int facet_orders_one(const void* task, int item, Workspace desk) noexcept n
             next = critical
         facet_piece(f, &p, edge, next, 1 if next == critical else -1 if edge == critical else 0, longest, &t)
         before, edge = edge, next
-    add_samples(f, &t)
+    finish_orders(f, &t, out)
+    return 0
+
+
+cdef Samples begin_orders(const Arrays* f, Workspace desk) noexcept nogil:
+    """No azimuth so far, sums of zero."""
+    cdef Samples t
+    t.count = 0
+    t.even = desk.work
+    t.odd = t.even + 8 * AZIMUTHS
+    t.turn = t.odd + 8 * AZIMUTHS
+    t.multiples = t.turn + 4 * AZIMUTHS
+    t.sums = t.multiples + <size_t>2 * f.n_order * AZIMUTHS
+    set_zero(<size_t>f.n_order * 16, t.sums)
+    return t
+
+
+cdef void add_azimuth(const Arrays* f, double sh, double ch, const double (*z)[4], Samples* t) noexcept nogil:
+    """Adds z at an azimuth whose half has the sine sh and the cosine ch."""
+    cdef doubles even = t.even + 8 * t.count
+    cdef doubles odd = t.odd + 8 * t.count
+    cdef int r
+    for r in range(2):
+        even[2 * r], even[2 * r + 1] = z[r][0], z[r][1]
+        even[4 + 2 * r], even[5 + 2 * r] = z[2 + r][2], z[2 + r][3]
+        odd[2 * r], odd[2 * r + 1] = -z[r][2], -z[r][3]
+        odd[4 + 2 * r], odd[5 + 2 * r] = z[2 + r][0], z[2 + r][1]
+    t.turn[t.count], t.turn[AZIMUTHS + t.count] = 1.0 - 2.0 * sh * sh, 2.0 * sh * ch
+    t.count += 1
+    if t.count == AZIMUTHS:
+        add_samples(f, t)
+
+
+cdef void finish_orders(const Arrays* f, Samples* t, doubles out) noexcept nogil:
+    """R^m (order, 16) of all azimuths that were added."""
+    cdef int m, k
+    cdef doubles low
+    cdef doubles high
+    add_samples(f, t)
     for m in range(f.n_order):
         for k in range(4):      # rows I, Q: even, even, odd, odd; rows U, V the other way round
             low, high = t.sums + 8 * m + 2 * k, t.sums + 8 * (f.n_order + m) + 2 * k
@@ -124,17 +153,14 @@ cdef int facet_orders_one(const void* task, int item, Workspace desk) noexcept n
                 low, high = high, low
             out[0], out[1], out[2], out[3] = low[0], low[1], high[0], high[1]
             out += 4
-    return 0
 
 
 cdef void facet_piece(const Arrays* f, const Pair* p, double start, double end, int root_at, double longest,
                       Samples* t) noexcept nogil:
     """Adds a piece of azimuth; at its end (root_at 1) or start (-1) may be a square root, which t^2 makes smooth."""
-    cdef int pieces = 1 + <int>((end - start) / longest), k, j, r
+    cdef int pieces = 1 + <int>((end - start) / longest), k, j
     cdef double size = (end - start) / pieces, x, half, sh, ch, weight
     cdef double z[4][4]
-    cdef doubles even
-    cdef doubles odd
     for k in range(pieces):
         for j in range(f.n_point):
             x, weight = f.points[j], 2.0 * f.point_weights[j] * size
@@ -147,16 +173,7 @@ cdef void facet_piece(const Arrays* f, const Pair* p, double start, double end, 
             half = 0.5 * (start + (k + x) * size)
             sh, ch = sin(half), cos(half)
             facet_mueller(f, p, sh, ch, weight, z)
-            even, odd = t.even + 8 * t.count, t.odd + 8 * t.count
-            for r in range(2):
-                even[2 * r], even[2 * r + 1] = z[r][0], z[r][1]
-                even[4 + 2 * r], even[5 + 2 * r] = z[2 + r][2], z[2 + r][3]
-                odd[2 * r], odd[2 * r + 1] = -z[r][2], -z[r][3]
-                odd[4 + 2 * r], odd[5 + 2 * r] = z[2 + r][0], z[2 + r][1]
-            t.turn[t.count], t.turn[AZIMUTHS + t.count] = 1.0 - 2.0 * sh * sh, 2.0 * sh * ch
-            t.count += 1
-            if t.count == AZIMUTHS:
-                add_samples(f, t)
+            add_azimuth(f, sh, ch, z, t)
 
 
 cdef void add_samples(const Arrays* f, Samples* t) noexcept nogil:
@@ -195,7 +212,7 @@ cdef void facet_mueller(const Arrays* f, const Pair* g, double sh, double ch, do
     """z: weight times f at an azimuth whose half has the sine sh and the cosine ch, as in vrte/optics/facets.py."""
     cdef double full = 2.0 * sh * ch, n = f.index
     cdef double across = g.across + g.apart * sh * sh, tilt = across / g.vertical, strength = weight * g.common
-    cdef double size, less, ci, co, a_i, b_i, a_o, b_o, norm, c2, s2, d2, e2, a, b, re, im
+    cdef double size, less, ci, co, a_i, b_i, a_o, b_o
     cdef cplx p, s, m = make(f.index, f.absorption)
     if f.is_ggx:
         strength *= ((1.0 + tilt) / (1.0 + tilt / steep_of(f))) ** 2
@@ -221,6 +238,14 @@ cdef void facet_mueller(const Arrays* f, const Pair* g, double sh, double ch, do
     if a_i * a_i + b_i * b_i == 0.0 or a_o * a_o + b_o * b_o == 0.0:     # parallel: r of what comes
         a_i, b_i = 0.0, 1.0
         a_o, b_o = (g.mu_o if f.transmitted else -g.mu_o) * full, 1.0 - 2.0 * sh * sh
+    turn_to_meridians(strength, p, s, a_i, b_i, a_o, b_o, z)
+
+
+cdef void turn_to_meridians(double strength, cplx p, cplx s, double a_i, double b_i, double a_o, double b_o,
+                            double (*z)[4]) noexcept nogil:
+    """z: strength times what amplitudes p and s do to Stokes vectors in meridian planes; s lies along (a, b) in l and r
+    of light in and out."""
+    cdef double norm, c2, s2, d2, e2, a, b, re, im
     norm = 1.0 / (a_i * a_i + b_i * b_i)
     c2, s2 = (b_i - a_i) * (b_i + a_i) * norm, -2.0 * a_i * b_i * norm
     norm = 1.0 / (a_o * a_o + b_o * b_o)

@@ -21,7 +21,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vrte.basics.arrays import Array, check_fields, check_numbers, freeze_copy
+from vrte.basics.arrays import Array, check_fields, check_numbers, check_whole, freeze_copy
 from vrte.basics.errors import SceneError
 from vrte.basics.quadrature import find_gauss_legendre
 from vrte.optics.facets import make_rotation
@@ -32,9 +32,10 @@ from vrte.optics.refractive_index import IndexTable, Material, check_wavelength
 USUAL_TILT = 12.0  # sigma [degrees] of flakes that nothing else is said of
 TILT_ALLOWED = 0.5, 60.0, "from 0.5 to 60 degrees"
 FARTHEST = 8.5  # tilts over sigma: beyond, a Gaussian's density is below the rounding of its largest
-POINTS = 12  # of Gauss's rule in a panel: G to 1e-14 in panels half a sigma wide
+POINTS = 16  # of Gauss's rule in a panel: G to 1e-14 in panels a sigma wide
 STEPS = 2048  # of a table of tilts that others sample from
 MOST_TILTS = 1000  # rows of a table
+MOST_ORDERS = 10_000  # of Fourier
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -104,6 +105,15 @@ class Flakes:
             return np.ones(cosine.shape, complex), -np.ones(cosine.shape, complex)
         return reflect_amplitudes(self.index / self.host_index, cosine)
 
+    @property
+    def width(self) -> float:
+        """sigma of tilts [radians], of a table the root of half the mean square."""
+        if self.tilt_deg is not None:
+            return math.radians(self.tilt_deg)
+        tilt, density = self.tilts
+        share = np.sin(tilt) * density
+        return float(np.sqrt(0.5 * (share @ tilt**2) / share.sum()))
+
     @cached_property
     def panels(self) -> Array:
         """Edges of panels of tilt [radians] in which the density is smooth, (panel + 1,)."""
@@ -112,7 +122,7 @@ class Flakes:
         assert self.tilt_deg is not None
         sigma = math.radians(self.tilt_deg)
         last = min(FARTHEST * sigma, 0.5 * math.pi)
-        return freeze_copy(np.linspace(0.0, last, max(4, math.ceil(2.0 * last / sigma)) + 1))
+        return freeze_copy(np.linspace(0.0, last, max(3, math.ceil(last / sigma)) + 1))
 
     def find_density(self, tilt: Any) -> Array:
         """Dh [1/sr] at tilts [radians] (...)."""
@@ -139,6 +149,14 @@ class Flakes:
         """Tilts [radians], ascending, and densities Dh [1/sr] there: fine enough to be taken as linear between."""
         tilt = np.union1d(self.panels, np.linspace(0.0, self.panels[-1], STEPS + 1))
         return freeze_copy(tilt), freeze_copy(self.find_density(tilt))
+
+    @cached_property
+    def amplitudes(self) -> Array | None:
+        """Real and imaginary r_p and r_s at even steps of the cosine (cosine, 4), None where an index is all."""
+        if self.index is not None:
+            return None
+        p, s = self.reflect(np.linspace(0.0, 1.0, 4))
+        return freeze_copy(np.stack([p.real, p.imag, s.real, s.imag], axis=-1))
 
     def project(self, mu: Any) -> Array:
         """G (...), extinction per unit of flake area, at cosines mu (...) of either sign."""
@@ -187,6 +205,19 @@ class Flakes:
         turn_in, turn_out = turn_to_mirror(out, into, sin_out, sin_in, half)
         density = 0.25 * self.find_density(tilt)
         return np.asarray(density[..., None, None] * (turn_out.swapaxes(-1, -2) @ mueller @ turn_in))
+
+    def scatter_orders(self, mu_out: Any, mu_in: Any, n_order: int) -> tuple[Array, Array]:
+        """Cosine and sine parts of Z of a unit of area, (order, ..., 4, 4) each, for signed cosines (...): Z = sum over
+        m of (2 - delta_m0) (cosine part cos m phi + sine part sin m phi)."""
+        from vrte.optics.flake_orders import integrate_azimuths  # which integrates what is here
+
+        out, into = np.broadcast_arrays(check_cosine("mu_out", mu_out), check_cosine("mu_in", mu_in))
+        count = check_whole("n_order", n_order, 1, MOST_ORDERS)
+        orders = integrate_azimuths(self, out.ravel(), into.ravel(), count, 1e-10) / (2.0 * math.pi)
+        whole = np.moveaxis(orders.reshape(*out.shape, count, 4, 4), -3, 0)
+        block = np.kron(np.eye(2), np.ones((2, 2)))  # what is even in the azimuth
+        odd = np.kron([[0.0, -1.0], [1.0, 0.0]], np.ones((2, 2)))
+        return whole * block, whole * odd
 
 
 def check_cosine(name: str, values: Any) -> Array:
