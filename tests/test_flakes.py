@@ -89,6 +89,8 @@ PAIRS = [(0.5, -0.5), (0.45, -0.6), (0.1, 0.2), (0.9, 0.95), (1.0, -0.9), (-0.2,
 
 @pytest.mark.parametrize("flakes", ALL)
 def test_compiled_orders_are_sums_over_azimuth(flakes: Flakes) -> None:
+    """Sums in steps, which miss what they can of the edges of a table."""
+    rtol = 1e-5 if flakes is TABLE else 1e-7
     count = 8000
     phi = (np.arange(count) + 0.5) * (2.0 * np.pi / count)
     for mu, mu_in in PAIRS:
@@ -96,7 +98,7 @@ def test_compiled_orders_are_sums_over_azimuth(flakes: Flakes) -> None:
         even, odd = flakes.scatter_orders(mu, mu_in, 12)
         for m in (0, 1, 2, 11):
             expected = [np.tensordot(turn(m * phi), z, 1) / count for turn in (np.cos, np.sin)]
-            assert_close((even[m], odd[m]), expected, rtol=0.0, atol=1e-7 * z[:, 0, 0].mean())
+            assert_close((even[m], odd[m]), expected, rtol=0.0, atol=rtol * z[:, 0, 0].mean() + 1e-15)
 
 
 def make_panel_nodes(host: float) -> Any:

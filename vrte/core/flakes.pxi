@@ -1,5 +1,5 @@
-# Oriented flakes: Fourier orders of what they scatter, a pair of directions at a time (vrte/optics/flakes.py has the same
-# in closed form, azimuth by azimuth). The flakes that turn light from one direction into another are those of one slope
+# Oriented flakes: Fourier orders of what they scatter, a pair of directions at a time (vrte/optics/flakes.py has the
+# same in closed form, azimuth by azimuth). The flakes that turn light from one direction into another are those of one slope
 # in the plane of both normals and any slope across it, v: sin^2 of half the azimuth is (v D)^2/(4 sin sin), D the
 # difference of the cosines. So azimuths are integrated over between the tilts at which the density is smooth.
 
@@ -81,5 +81,10 @@ cdef void look_up(const Arrays* f, double cosine, cplx* p, cplx* s) noexcept nog
     x -= k
     a, b = -(x - 1.0) * (x - 2.0) * (x - 3.0) / 6.0, 0.5 * x * (x - 2.0) * (x - 3.0)
     c, d = -0.5 * x * (x - 1.0) * (x - 3.0), x * (x - 1.0) * (x - 2.0) / 6.0
-    p[0] = make(a * row[0] + b * row[4] + c * row[8] + d * row[12], a * row[1] + b * row[5] + c * row[9] + d * row[13])
-    s[0] = make(a * row[2] + b * row[6] + c * row[10] + d * row[14], a * row[3] + b * row[7] + c * row[11] + d * row[15])
+    p[0] = make(weigh_four(a, b, c, d, row), weigh_four(a, b, c, d, row + 1))
+    s[0] = make(weigh_four(a, b, c, d, row + 2), weigh_four(a, b, c, d, row + 3))
+
+
+cdef inline double weigh_four(double a, double b, double c, double d, given column) noexcept nogil:
+    """Four rows of a table's column, weighed."""
+    return a * column[0] + b * column[4] + c * column[8] + d * column[12]
