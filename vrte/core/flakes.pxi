@@ -1,7 +1,7 @@
 # Oriented flakes: Fourier orders of what they scatter, a pair of directions at a time (vrte/optics/flakes.py has the
 # same in closed form, azimuth by azimuth). The flakes that turn light from one direction into another have one slope in
-# the plane of both normals and any slope v across it: sin^2 of half the azimuth is (v D)^2/(4 sin sin), D the difference
-# of the cosines. So azimuths are integrated over between the tilts at which the density is smooth.
+# the plane of both normals and any slope v across it: sin^2 of half the azimuth is (v D)^2/(4 sin sin), D the change
+# of the cosine. So azimuths are integrated over between the tilts at which the density is smooth.
 
 
 cdef Job flake_orders_job(Arrays* t) noexcept nogil:
