@@ -70,7 +70,8 @@ def _read_only() -> np.ndarray:
 
 def test_sizes_must_make_each_other() -> None:
     given: dict[str, Any] = {"orders": np.zeros(1, np.int32), "members": np.arange(2, dtype=np.int32), "tolerance": 1.0}
-    given |= {"coefficients": np.zeros((1, 3, 6)), "terms": np.ones(1, np.int32), "albedo": np.ones(1), "halves": True}
+    given |= {"coefficients": np.zeros((1, 3, 6)), "terms": np.ones(1, np.int32), "albedo": np.ones(1)}
+    given |= {"halves": True, "coarse": True}
     given |= {"directions": np.ones(3), "weights": np.ones(4), "columns": np.ones((1, 2))}
     given |= {"out_places": np.zeros(1, np.int32), "in_places": np.zeros(1, np.int32)}
     with pytest.raises(ValueError, match=r"n_placed must be n_node \+ n_off = 4 \+ .*, not 3"):

@@ -150,7 +150,7 @@ def test_invariance_takes_the_steps_that_the_core_takes(either_width: Session, t
     ):
         shapes = {"up": (6, 1, 4, 4), "on_nodes": (6, 4, 20), "residual": (6,)}
         answer = {name: np.full(shape, np.nan) for name, shape in shapes.items()} | {"steps": np.full(6, -1, np.int32)}
-        kernel(a_crew(), **given, tolerance=tolerance, halves=True, **answer)
+        kernel(a_crew(), **given, tolerance=tolerance, halves=True, coarse=True, **answer)
         answers.append(answer)
     found, expected = answers
     np.testing.assert_array_equal(found["steps"], expected["steps"])

@@ -99,6 +99,7 @@ CASES = [
     Case("symmetric", "brdf", vrte.Scene([layer(vrte.rayleigh())]), table(), "general eigensolver", 1e-8),
     Case("symmetric", "radiance", ONE, beam(), "for order 0", 1e-8),
     Case("halves", "brdf", SEMI_INFINITE, table(algorithm="invariance"), "half of each symmetric product"),
+    Case("coarse", "brdf", SEMI_INFINITE, table(nodes=16, algorithm="invariance"), "every other node", 1e-8),
 ]
 
 

@@ -52,6 +52,7 @@ LOBES, PIECES = 1e5, 30.0  # operations for a direction, an order and a node of 
 # operations that take as long as what they stand for, over n^2 and unknowns on the nodes (docs/explanation/accuracy.md)
 DOUBLING_STEP, ADDING = 9.0, 7.0  # a doubling step, whose rows off the nodes take half the time; adding a slab
 OFF_SYMMETRIC, OFF_GENERAL = 2.5, 8.0  # a row off the nodes by modes: real ones, and where some are complex pairs
+AN_INVARIANCE = 0.5  # time of an operation of invariance over one of modes: gold, hematite, 8 to 24 nodes
 WORTH_DOUBLING = 0.7  # doubling is taken below this predicted time over that of modes, known to about a third
 
 # sizes above which a measure pays that takes about a millisecond

@@ -80,7 +80,7 @@ def reflect_semi_infinite(
 
 @stand_in_for(_core.reflect_semi_infinite)
 def reflect_semi_infinite_arrays(session: Session, crew: ThreadTeam, given: Any) -> None:
-    """Fills up, on_nodes, residual and steps; halves plays no part: R on the nodes is made up to its diagonal."""
+    """Fills up, on_nodes, residual and steps; halves and coarse play no part: R is made up to its diagonal, from 0."""
     count = given.orders.size
     if not count or crew.stop[0]:
         return

@@ -144,11 +144,11 @@ cdef struct Linear:
 
 
 cdef double fixed_point(const Expansion* x, FactorColumns* rows, FactorColumns* nodes, given mu_row, given mu_node,
-                        double rate, double tolerance, bint halves, doubles R, doubles room, ints steps,
+                        double rate, double tolerance, bint halves, bint begun, doubles R, doubles room, ints steps,
                         given_ints stop, const Linear* linear) noexcept nogil:
     """Fixed points for R of some rows until what is missing is below the tolerance; the rows may be the nodes. rate:
-    what a step gains at least; room: six matrices like R; halves: on the nodes alone, where H C H^T is symmetric.
-    With `linear`, which is NULL else, of the linearized equation."""
+    what a step gains at least; room: six matrices like R; halves: on the nodes alone, where H C H^T is symmetric;
+    begun: from the rows' H, not from R = 0. With `linear`, which is NULL else, of the linearized equation."""
     cdef int step, kind, k, size = rows[0].rows * nodes[0].rows
     cdef double gap, largest, missing = 1.0
     cdef doubles new
@@ -158,7 +158,7 @@ cdef double fixed_point(const Expansion* x, FactorColumns* rows, FactorColumns* 
     for k in range(3):
         past.led[k], past.moved[k] = room + <size_t>2 * k * size, room + <size_t>(2 * k + 1) * size
     set_zero(size, R)
-    for kind in range(2 if linear == NULL else 0):
+    for kind in range(2 if linear == NULL and not begun else 0):
         copy(<size_t>rows[kind].rows * rows[kind].columns, rows[kind].phi, rows[kind].H)
     for step in range(MOST_STEPS):
         new = past.led[0]
@@ -180,7 +180,7 @@ cdef double fixed_point(const Expansion* x, FactorColumns* rows, FactorColumns* 
         missing = vrte_missing(gap, rate, largest)
         steps[0] += 1
         done = largest == 0.0 or missing <= tolerance or gap <= 4e-16 * largest or stop[0]
-        if done:
+        if done or (begun and step == 0):   # the H that it began from is of no R: there is no movement yet
             copy(size, new, R)
         else:
             accelerate(size, &past, R)
@@ -193,7 +193,57 @@ cdef double fixed_point(const Expansion* x, FactorColumns* rows, FactorColumns* 
 
 
 cdef enum:
-    STRIPS = 4     # that a symmetric product is made in
+    STRIPS = 4           # that a symmetric product is made in
+    MOST_AMPLIFIED = 30  # sum of an interpolation's sizes: beyond, nodes are not those of a polynomial
+
+
+
+cdef bint interpolate(int n_row, given mu_row, int n_node, given mu_node, doubles share) noexcept nogil:
+    """Fractions (n_row, n_node) of values at nodes in that of the polynomial through them at other cosines, by the
+    barycentric formula; False where they amplify errors. n_node doubles lie behind share."""
+    cdef int i, j, k
+    cdef double total, size
+    cdef doubles weight = share + <size_t>n_row * n_node
+    for j in range(n_node):
+        weight[j] = 1.0
+        for k in range(n_node):
+            if k != j:
+                weight[j] /= 4.0 * (mu_node[j] - mu_node[k])     # 1/4: the capacity of [0, 1], against overflow
+    for i in range(n_row):
+        total = size = 0.0
+        for j in range(n_node):
+            if mu_row[i] == mu_node[j]:
+                set_zero(n_node, share + <size_t>i * n_node)
+                share[<size_t>i * n_node + j] = total = size = 1.0
+                break
+            share[<size_t>i * n_node + j] = weight[j] / (mu_row[i] - mu_node[j])
+            total += share[<size_t>i * n_node + j]
+            size += fabs(share[<size_t>i * n_node + j])
+        if not size <= MOST_AMPLIFIED * fabs(total):
+            return False
+        for j in range(n_node):
+            share[<size_t>i * n_node + j] /= total
+    return True
+
+
+cdef void begin_rows(int stokes, int n_row, given scale_row, given share, given scale_node, FactorColumns* nodes,
+                     FactorColumns* rows, doubles spread) noexcept nogil:
+    """H of rows from nodes where it is known: R phi, what it has beside phi, is interpolated. spread: (rows, nodes)."""
+    cdef int kind, i, j, a, k, n = n_row * stokes, size = nodes[0].rows
+    cdef double one
+    set_zero(<size_t>n * size, spread)
+    for j in range(size // stokes):
+        for i in range(n_row):
+            one = share[<size_t>i * (size // stokes) + j] / scale_node[j]
+            if scale_row != NULL:
+                one *= scale_row[i]
+            for a in range(stokes):
+                spread[(<size_t>stokes * j + a) * n + stokes * i + a] = one
+    for kind in range(2):
+        for k in range(size * nodes[kind].columns):
+            nodes[kind].HC[k] = nodes[kind].H[k] - nodes[kind].phi[k]
+        copy(<size_t>n * nodes[kind].columns, rows[kind].phi, rows[kind].H)
+        product(b"N", b"N", n, nodes[kind].columns, size, 1.0, spread, n, nodes[kind].HC, size, 1.0, rows[kind].H, n)
 
 
 cdef struct Invariant:
@@ -207,11 +257,47 @@ cdef struct Invariant:
     FactorColumns rows[2]
 
 
+cdef bint begin_on_half(const Arrays* t, Invariant* s, given scale, given_ints stop) noexcept nogil:
+    """H of the nodes from a solve on every other one; False where that is no start."""
+    cdef int n_node = t.n_node, half = (n_node + 1) // 2, stokes = t.stokes, i, j, k, kind, steps = 0
+    cdef doubles mu = s.room, weight = mu + half, R = weight + half, room = R + <size_t>half * half * stokes * stokes
+    cdef doubles memory = room + 6 * <size_t>half * half * stokes * stokes, share
+    cdef double ratio
+    cdef FactorColumns sheets[2]
+    if not t.coarse or n_node < FEWEST_TO_HALVE or s.x.terms > 2 * n_node or s.rate < WEAKEST_RATE:
+        return False
+    for kind in range(2):
+        memory = sheet_at(memory, &s.x, kind, half, &sheets[kind])
+    share = memory
+    for j in range(half):
+        mu[j], weight[j] = t.directions[2 * j], 0.0
+    if not interpolate(n_node, t.directions, half, mu, share):
+        return False
+    for i in range(n_node):
+        for j in range(half):
+            weight[j] += t.weights[i] * share[<size_t>i * half + j]
+    for j in range(half):
+        if not weight[j] > 0.0:
+            return False
+        weight[j] = sqrt(weight[j] / mu[j])
+    for kind in range(2):
+        for k in range(sheets[kind].columns):
+            for j in range(half):
+                ratio = weight[j] / scale[2 * j]
+                for i in range(stokes):
+                    sheets[kind].phi[(<size_t>k * half + j) * stokes + i] = ratio * s.nodes[kind].phi[
+                        (<size_t>k * n_node + 2 * j) * stokes + i]
+    fixed_point(&s.x, sheets, sheets, mu, mu, s.rate, OF_HALF, t.halves, False, R, room, &steps, stop, NULL)
+    begin_rows(stokes, n_node, scale, share, weight, sheets, s.nodes, room)
+    return True
+
+
 cdef doubles solve_invariance(const Arrays* t, int item, Workspace desk, Invariant* s) noexcept nogil:
     """R of an order; the scratch memory behind it."""
     cdef int m = t.orders[item], terms = t.terms[0], n_all = t.n_placed, n_node = t.n_node, i, kind
     cdef given directions = t.directions
     cdef doubles prt = desk.work, scale = prt + <size_t>3 * n_all * terms, memory
+    cdef bint begun
     s.x = Expansion(parity_of(m, t.stokes, t.members), m, terms, t.albedo[0], t.coefficients)
     s.n, s.u, s.off, s.rate = t.n, t.stokes * t.n_off, directions + n_node, 0.0
     s.R = scale + n_node
@@ -230,10 +316,14 @@ cdef doubles solve_invariance(const Arrays* t, int item, Workspace desk, Invaria
         parity_columns(&s.x, kind, prt, n_all, 0, n_node, scale, s.nodes[kind].phi)
         parity_columns(&s.x, kind, prt, n_all, n_node, t.n_off, NULL, s.rows[kind].phi)
     t.steps[item] = 0
-    s.residual = fixed_point(&s.x, s.nodes, s.nodes, directions, directions, s.rate, t.tolerance, t.halves, s.R, s.room,
-                             t.steps + item, desk.stop, NULL)
-    s.residual = max(s.residual, fixed_point(&s.x, s.rows, s.nodes, s.off, directions, s.rate, t.tolerance, False, s.Ru,
-                                             s.room, t.steps + item, desk.stop, NULL))
+    begun = begin_on_half(t, s, scale, desk.stop)
+    s.residual = fixed_point(&s.x, s.nodes, s.nodes, directions, directions, s.rate, t.tolerance, t.halves, begun, s.R,
+                             s.room, t.steps + item, desk.stop, NULL)
+    begun = begun and interpolate(t.n_off, s.off, n_node, directions, s.room)
+    if begun:
+        begin_rows(t.stokes, t.n_off, NULL, s.room, scale, s.nodes, s.rows, s.room + <size_t>t.n_off * n_node + n_node)
+    s.residual = max(s.residual, fixed_point(&s.x, s.rows, s.nodes, s.off, directions, s.rate, t.tolerance, False,
+                                             begun, s.Ru, s.room, t.steps + item, desk.stop, NULL))
     return memory
 
 

@@ -80,7 +80,7 @@ cdef int change_semi_infinite_one(const void* task, int item, Workspace desk) no
         divide_by_rates(s.x.p, n_node, t.directions, n_node, t.directions, source)
         linear = Linear(False, True, source, spare)
         missing = max(missing, fixed_point(&s.x, s.nodes, s.nodes, t.directions, t.directions, s.rate, t.tolerance,
-                                           False, dR, s.room, t.steps + item, desk.stop, &linear))
+                                           False, False, dR, s.room, t.steps + item, desk.stop, &linear))
         own = dH
         for kind in range(2):
             sign = -1.0 if kind else 1.0
@@ -90,8 +90,8 @@ cdef int change_semi_infinite_one(const void* task, int item, Workspace desk) no
             own += <size_t>n * s.nodes[kind].columns
         divide_by_rates(s.x.p, t.n_off, s.off, n_node, t.directions, source)
         linear = Linear(False, False, source, spare)
-        missing = max(missing, fixed_point(&s.x, s.rows, s.nodes, s.off, t.directions, s.rate, t.tolerance, False, dRu,
-                                           s.room, t.steps + item, desk.stop, &linear))
+        missing = max(missing, fixed_point(&s.x, s.rows, s.nodes, s.off, t.directions, s.rate, t.tolerance, False, False,
+                                           dRu, s.room, t.steps + item, desk.stop, &linear))
         for kind in range(2):
             sign = -1.0 if kind else 1.0
             multiply(u, s.nodes[kind].columns, n, sign, dRu, s.nodes[kind].phi, 0.0, dHu)
@@ -171,8 +171,8 @@ cdef int pull_semi_infinite_one(const void* task, int item, Workspace desk) noex
                 source, u)
     divide_by_rates(s.x.p, t.n_off, s.off, n_node, t.directions, source)
     linear = Linear(True, False, source, spare)
-    missing = max(missing, fixed_point(&s.x, s.rows, s.nodes, s.off, t.directions, s.rate, t.tolerance, False, Lu,
-                                       s.room, t.steps + item, desk.stop, &linear))
+    missing = max(missing, fixed_point(&s.x, s.rows, s.nodes, s.off, t.directions, s.rate, t.tolerance, False, False,
+                                       Lu, s.room, t.steps + item, desk.stop, &linear))
     for kind in range(2):
         sign = -1.0 if kind else 1.0
         pull_coefficients(&s.x, kind, sign, -1.0, u, s.rows[kind].H, Lu, n, s.nodes[kind].H, spare, gradient)
@@ -185,7 +185,7 @@ cdef int pull_semi_infinite_one(const void* task, int item, Workspace desk) noex
     add_transposed(n, source)
     linear = Linear(True, True, source, spare)
     missing = max(missing, fixed_point(&s.x, s.nodes, s.nodes, t.directions, t.directions, s.rate, t.tolerance, False,
-                                       L, s.room, t.steps + item, desk.stop, &linear))
+                                       False, L, s.room, t.steps + item, desk.stop, &linear))
     for kind in range(2):
         sign = -1.0 if kind else 1.0
         pull_coefficients(&s.x, kind, sign, -1.0, n, s.nodes[kind].H, L, n, s.nodes[kind].H, spare, gradient)

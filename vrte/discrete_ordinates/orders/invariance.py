@@ -17,6 +17,12 @@ from vrte.scene.boundary import Boundary
 TIGHTER = 0.5  # iterations stop at this fraction of the requested accuracy
 
 
+def is_halved(problem: Problem) -> bool:
+    """Whether fixed points begin on every other node: Gauss's own, which a polynomial runs through."""
+    plain = problem.media is None and problem.grading == 1
+    return problem.skip_flags.coarse and plain and problem.nodes.size >= _core.FEWEST_TO_HALVE
+
+
 @dataclass(frozen=True, eq=False)
 class Reflected:
     """kernels (order, 1, n_in, n_col, n_out, S), public frame; on_nodes (order, n_in n_col, n), light that comes up to
@@ -60,6 +66,7 @@ def list_arguments(problem: Problem, orders: IntArray, tolerance: float) -> dict
         "in_places": indices[n_out:],
         "tolerance": tolerance,
         "halves": problem.skip_flags.halves,
+        "coarse": problem.skip_flags.coarse,
     }
 
 
@@ -116,4 +123,7 @@ class Invariance:
     @staticmethod
     def list_left_out(problem: Problem, accuracy: float) -> list[tuple[str, str]]:
         """See `Way`."""
-        return [("halves", "the other is its mirror image")]
+        found = [("halves", "the other is its mirror image")]
+        if is_halved(problem):
+            found.append(("coarse", "it begins on every other node"))
+        return found

@@ -13,7 +13,7 @@ class SkipFlags:
     the normal does not see; ``depth``: what lies below the light; ``clear``: eigenproblems without scattering;
     ``repeats``: equal layers; ``doublings``: those that change nothing; ``base``: orders that it does not reflect;
     ``azimuths``: mirror images; ``symmetric``: the general eigensolver; ``halves``: the other half of symmetric
-    products.
+    products; ``coarse``: fixed points on all nodes that those on every other one stand for.
     """
 
     stokes: bool = True
@@ -30,6 +30,7 @@ class SkipFlags:
     azimuths: bool = True
     symmetric: bool = True
     halves: bool = True
+    coarse: bool = True
 
 
 EVERYTHING = SkipFlags()

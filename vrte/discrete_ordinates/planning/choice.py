@@ -67,7 +67,8 @@ def choose_algorithms(
         return [(every, Choice("doubling", reason))]
     first = strength.size
     if algorithm == "auto" and is_top_only(problem) and accuracy >= FINEST:
-        fraction = count_operations_of_invariance(problem, strength, accuracy) / count_operations_of_modes(problem)
+        operations = count_operations_of_invariance(problem, strength, accuracy)
+        fraction = cost.AN_INVARIANCE * operations / count_operations_of_modes(problem)
         first = int(np.count_nonzero((fraction >= 1.0) | (strength > STRONGEST)))
     given = orders if algorithm == "auto" else None
     parts = split_at_scatterings(problem, given, first, accuracy, doubling) if first else []

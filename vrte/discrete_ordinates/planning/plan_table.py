@@ -37,6 +37,7 @@ OF_BLOCKS = {  # what blocks and their algorithms give reasons for
     "doublings": "doublings of reflection once a slab passes less than the rounding of 1: {}",
     "symmetric": "the general eigensolver for {}: U and V do not mix, E and F are symmetric",
     "halves": "half of each symmetric product of the invariance equation: {}",
+    "coarse": "a third of the steps of the invariance equation on all nodes: {}",
 }
 WIDTH = 120
 
@@ -275,7 +276,7 @@ def explain_whole_plan(plan: "Plan") -> dict[str, str]:
     if request.kind == "brdf" and request.tau.size == 1 and np.isfinite(scene.thickness):
         found["transmission"] = "transmission: not asked for"
     if request.backend.linear_algebra == "device":
-        found["halves"] = ""
+        found["halves"] = found["coarse"] = ""
     return found
 
 
