@@ -90,8 +90,8 @@ cdef int change_semi_infinite_one(const void* task, int item, Workspace desk) no
             own += <size_t>n * s.nodes[kind].columns
         divide_by_rates(s.x.p, t.n_off, s.off, n_node, t.directions, source)
         linear = Linear(False, False, source, spare)
-        missing = max(missing, fixed_point(&s.x, s.rows, s.nodes, s.off, t.directions, s.rate, t.tolerance, False, False,
-                                           dRu, s.room, t.steps + item, desk.stop, &linear))
+        missing = max(missing, fixed_point(&s.x, s.rows, s.nodes, s.off, t.directions, s.rate, t.tolerance, False,
+                                           False, dRu, s.room, t.steps + item, desk.stop, &linear))
         for kind in range(2):
             sign = -1.0 if kind else 1.0
             multiply(u, s.nodes[kind].columns, n, sign, dRu, s.nodes[kind].phi, 0.0, dHu)
