@@ -151,6 +151,7 @@ def list_calls(made: dict[str, Any]) -> list[Case]:
         (FLAKES.scatter_orders, {"mu_out": 0.5, "mu_in": -0.5, "n_order": 2}),
         (vrte.flakes, {"index": 1.5, "tilt_deg": 12.0, "wavelength_um": 0.5, "host_index": 1.5}),
         (vrte.Layer.of, {"particles": made["particles"], "thickness_um": 1.0, "volume_fraction": 0.01}),
+        (vrte.Layer.of, {"particles": FLAKES, "volume_fraction": 0.1, "flake_thickness_um": 0.3, "thickness_um": 9.0}),
         (vrte.Layer.clear, {"thickness_um": 1.0, "host_index": 1.5, "wavelength_um": 0.5}),
         (vrte.Measurement, {"quantity": "f00", "value": 0.1, "theta_i_deg": 0.0, "theta_o_deg": 10.0}),
         (made["measurement"].pick, {"rows": [0]}),

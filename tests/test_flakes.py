@@ -19,6 +19,8 @@ from .test_discrete_ordinates import frame, mueller_of
 
 METAL = vrte.flakes(1.2 + 7.0j, tilt_deg=15.0, host_index=1.5)
 TABLE = Flakes(0.3 + 3.0j, None, ((0.0, 20.0, 45.0), (1.0, 0.8, 0.0)))
+TINTED = vrte.flakes(1.2 + 7.0j, wavelength_um=0.5, host_index=1.5 + 1e-4j)
+POWDER = vrte.spheres(1.5, radius_um=0.05, wavelength_um=0.5)
 ALL = [METAL, TABLE, vrte.flakes(tilt_deg=8.0), vrte.flakes(1.33, tilt_deg=40.0)]
 # handbook: by another program
 PROJECTED = {8.0: [0.10997363, 0.20548919, 0.49038395, 0.78460446, 0.98075558],
@@ -153,7 +155,14 @@ def test_light_is_scattered_into_the_polynomials_of_nodes(host: float) -> None:
     (lambda: vrte.flakes(tilts=([0.0, 9.0], [1.0, -0.1])), "tilts must have densities >= 0"),
     (lambda: vrte.flakes(tilts=[1.0, 2.0, 3.0]), "tilts must be a pair"),
     (lambda: vrte.Layer.of(METAL, flake_area=-1.0), "layer: flake_area must be an area >= 0"),
-    (lambda: vrte.Layer.of(METAL, 2.0), "layer: flake_area alone is what a layer of flakes has"),
+    (lambda: vrte.Layer.of(METAL, 2.0), "layer: thickness is that of particles, or beside them"),
+    (lambda: vrte.Layer.of(METAL), "layer: of flakes give either flake_area, or volume_fraction"),
+    (lambda: vrte.Layer.of(METAL, flake_area=1.0, volume_fraction=0.1), "layer: of flakes give either flake_area, or"),
+    (lambda: vrte.Layer.of(METAL, volume_fraction=0.1, thickness_um=9.0), "layer: of flakes give either flake_area"),
+    (lambda: vrte.Layer.of(METAL, flake_area=1.0, thickness_um=9.0), "thickness_um is not used: the host is clear"),
+    (lambda: vrte.Layer.of(TINTED, flake_area=1.0), "thickness_um is needed beside flake_area: the host absorbs"),
+    (lambda: vrte.Layer.of(POWDER, 1.0, flake_area=1.0), "layer: give both of flakes and flake_area, or none"),
+    (lambda: vrte.Layer.of(POWDER, 1.0, flakes=METAL, flake_area=1.0), "must be that of the medium of its flakes, 1.5"),
     (lambda: vrte.Layer(vrte.isotropic(), 0.5, 1.0, flake_area=1.0), "is that of flakes, and the layer has none"),
     (lambda: vrte.Layer(vrte.isotropic(), 0.5, 1.0, None, METAL, np.inf), "thickness must be 0 in a semi-infinite"),
     (lambda: vrte.Layer(vrte.isotropic(), 0.5, 1.0, 1.0, METAL, 1.0), "must be that of the medium of its flakes, 1.5"),
@@ -162,6 +171,17 @@ def test_what_is_not_allowed_is_refused(make: Any, words: str) -> None:
     with pytest.raises(vrte.SceneError) as caught:
         make()
     assert words in str(caught.value)
+
+
+def test_layers_are_made_in_the_words_of_paint() -> None:
+    layer = vrte.Layer.of(METAL, volume_fraction=0.1, flake_thickness_um=0.3, thickness_um=15.0)
+    assert layer.flake_area == layer.extent == 0.1 / 0.3 * 15.0
+    assert (layer.thickness, layer.host_index) == (0.0, 1.5)
+    layer = vrte.Layer.of(TINTED, flake_area=2.0, thickness_um=20.0)
+    assert layer.thickness == 20.0 * TINTED.host_absorption > 0.0
+    beside = vrte.Layer.of(POWDER, 1.0, flakes=vrte.flakes(), flake_area=2.0)
+    assert (beside.extent, beside.phase_matrix) == (3.0, POWDER.phase_matrix)
+    assert vrte.Scene([vrte.Layer.of(METAL, flake_area=np.inf)]).thickness == np.inf
 
 
 def test_a_method_without_flakes_refuses_them_by_name() -> None:

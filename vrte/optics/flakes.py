@@ -13,28 +13,34 @@ from Jones vectors as for facets (docs/explanation/flakes.md).
 """
 
 import math
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vrte.basics.arrays import Array, check_fields, check_numbers, check_whole, freeze_copy
+from vrte.basics.arrays import Array, check_fields, check_list, check_number, check_numbers, check_whole, freeze_copy
 from vrte.basics.errors import SceneError
 from vrte.basics.quadrature import find_gauss_legendre
 from vrte.optics.facets import make_rotation
-from vrte.optics.fresnel import make_mueller, reflect_amplitudes
+from vrte.optics.films import Film, find_amplitudes
+from vrte.optics.fresnel import make_mueller
 from vrte.optics.particles import HOST_ALLOWED, LIMITS, find_absorption, find_host_index, find_named_index
 from vrte.optics.refractive_index import IndexTable, Material, check_wavelength
 
+MAKE_UPS = tomllib.loads(Path(__file__).with_name("named_flakes.toml").read_text("utf-8"))
 USUAL_TILT = 12.0  # sigma [degrees] of flakes that nothing else is said of
 TILT_ALLOWED = 0.5, 60.0, "from 0.5 to 60 degrees"
 FARTHEST = 8.5  # tilts over sigma: beyond, a Gaussian's density is below the rounding of its largest
 POINTS = 16  # of Gauss's rule in a panel: G to 1e-14 in panels a sigma wide
 STEPS = 2048  # of a table of tilts that others sample from
 MOST_TILTS = 1000  # rows of a table
+TABLE_ALLOWED, MOST_COSINES = 1e-9, 20_000  # of amplitudes between rows of a table, and its rows
+MOST_FILMS, THICKEST = 100, 100.0  # [um]
 MOST_ORDERS = 10_000  # of Fourier
 
 
@@ -45,7 +51,7 @@ class Flakes:
     Parameters
     ----------
     index : complex or None
-        Refractive index n + ik of their opaque core; None: perfect mirrors, r_p = 1 and r_s = -1.
+        Refractive index n + ik of their opaque core; None: a perfect mirror, r_p = 1 and r_s = -1.
     tilt_deg : float or None
         sigma [degrees] of a density exp(-tilt^2/(2 sigma^2)) of normals per solid angle, 0.5 to 60; None where
         ``tilt_table`` is given.
@@ -56,6 +62,10 @@ class Flakes:
         Refractive index of the medium that they lie in.
     host_absorption : float, optional
         Of that medium [1/um], 4 pi k/wavelength.
+    films : sequence of (complex, float), optional
+        Refractive index and thickness [um] of thin films on both faces of the core, from the outside in.
+    wavelength_um : float or None, optional
+        In vacuum [um], needed with films.
     description : str, optional
         In words, what they are and where their refractive indices come from.
 
@@ -72,6 +82,8 @@ class Flakes:
     tilt_table: Annotated[tuple[tuple[float, ...], tuple[float, ...]] | None, Any] = None
     host_index: float = 1.0
     host_absorption: float = 0.0
+    films: Annotated[tuple[Film, ...], Any] = ()
+    wavelength_um: float | None = None
     description: str = ""
 
     def __post_init__(self) -> None:
@@ -83,6 +95,9 @@ class Flakes:
             object.__setattr__(self, "tilt_table", check_tilts(self.tilt_table))
         if self.index is not None:
             object.__setattr__(self, "index", find_named_index("index", self.index, 1.0).value)
+        if self.wavelength_um is not None:
+            object.__setattr__(self, "wavelength_um", check_wavelength(self.wavelength_um))
+        object.__setattr__(self, "films", check_stack("films", self.films, self.wavelength_um)[0])
 
     def __repr__(self) -> str:
         return f"Flakes({self.in_words})"
@@ -95,15 +110,13 @@ class Flakes:
 
     @property
     def is_conserving(self) -> bool:
-        """Whether they absorb nothing: perfect mirrors."""
-        return self.index is None
+        """Whether they absorb nothing: perfect mirrors, under films without absorption."""
+        return self.index is None and not any(complex(index).imag for index, _ in self.films)
 
     def reflect(self, cosine: Any) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """Amplitudes r_p and r_s (...) at cosines of incidence (...), along theta-hat and phi-hat as of a surface."""
-        cosine = check_cosine("cosine", cosine)
-        if self.index is None:
-            return np.ones(cosine.shape, complex), -np.ones(cosine.shape, complex)
-        return reflect_amplitudes(self.index / self.host_index, cosine)
+        cosine = np.abs(check_cosine("cosine", cosine))
+        return find_amplitudes(self.host_index, self.films, self.index, cosine, self.wavelength_um or 1.0)[:2]
 
     @property
     def width(self) -> float:
@@ -152,11 +165,19 @@ class Flakes:
 
     @cached_property
     def amplitudes(self) -> Array | None:
-        """Real and imaginary r_p and r_s at even steps of the cosine (cosine, 4), None where an index is all."""
-        if self.index is not None:
+        """Real and imaginary r_p and r_s at even steps of the cosine (cosine, 4), so many that cubics between them are
+        right to TABLE_ALLOWED; None where an index is all."""
+        if self.index is not None and not self.films:
             return None
-        p, s = self.reflect(np.linspace(0.0, 1.0, 4))
-        return freeze_copy(np.stack([p.real, p.imag, s.real, s.imag], axis=-1))
+        count = 4
+        while True:
+            p, s = self.reflect(np.linspace(0.0, 1.0, 2 * count - 1))
+            table = np.stack([p.real, p.imag, s.real, s.imag], axis=-1)
+            rows = np.arange(1, count - 2)
+            between = (9.0 * (table[2 * rows] + table[2 * rows + 2]) - table[2 * rows - 2] - table[2 * rows + 4]) / 16.0
+            if np.abs(between - table[2 * rows + 1]).max() < TABLE_ALLOWED or count > MOST_COSINES:
+                return freeze_copy(table)
+            count = 2 * count - 1
 
     def project(self, mu: Any) -> Array:
         """G (...), extinction per unit of flake area, at cosines mu (...) of either sign."""
@@ -258,25 +279,47 @@ def check_tilts(table: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
     return tuple(angles.tolist()), tuple((density / density.max()).tolist())
 
 
+def check_stack(name: str, stack: Any, wavelength_um: float | None) -> tuple[tuple[Film, ...], str]:
+    """Films of (material, thickness [um]) from the outside in, and in words what they are. Raises SceneError."""
+    films: list[Film] = []
+    words = ""
+    for row in check_list(f"flakes: {name}", stack, MOST_FILMS):
+        try:
+            material, thickness = row
+        except Exception:  # whatever a foreign object raises when it is taken apart
+            raise SceneError.of(f"flakes: {name}", "must be pairs of a material and a thickness [um]") from None
+        if wavelength_um is None:
+            raise SceneError(f"flakes: a {name} of thin films is that of a wavelength: give wavelength_um", name)
+        found = find_named_index(name, material, wavelength_um)
+        allowed = f"above 0 and at most {THICKEST:g} um"
+        length = check_number(f"flakes: thickness in {name}", thickness, 1e-6, THICKEST, allowed)
+        films.append((found.value, length))
+        words += f"{length:g} um of index {found.n:.6g} + {found.k:.6g}i ({found.source}), "
+    return tuple(films), words
+
+
 def flakes(
     index: Annotated[Material | None, Any] = None,
     tilt_deg: float | None = None,
-    *,
+    stack: Annotated[Sequence[tuple[Material, float]] | None, Any] = None,
     wavelength_um: float | None = None,
     host_index: Material = 1.0,
     tilts: Annotated[tuple[Sequence[float], Sequence[float]] | None, Any] = None,
 ) -> Flakes:
-    """Oriented flakes of a metal in a binder, or perfect mirrors.
+    """Oriented flakes in a binder: of a metal, of thin films on an opaque core, or perfect mirrors.
 
     Parameters
     ----------
     index : str, complex, pair, IndexTable or None, optional
-        All that `refractive_index` takes: a name, a database path, n + i k or (n, k); None: perfect mirrors.
+        Of their opaque core, all that `refractive_index` takes: a name, a database path, n + i k or (n, k); None: a
+        perfect mirror. Or the name of a whole make-up: "coated aluminium" or "fabry-perot".
     tilt_deg : float, optional
         sigma [degrees] of the density exp(-tilt^2/(2 sigma^2)) of normals per solid angle, 0.5 to 60; 12 unless
         ``tilts`` are given.
+    stack : sequence of (material, float), optional
+        Thin films on the core, from the outside in: what each consists of, as of ``index``, and its thickness [um].
     wavelength_um : float, optional
-        In vacuum [um], needed where an index is a name or a table.
+        In vacuum [um], needed where an index is a name or a table, and with a stack.
     host_index : str, complex, pair or IndexTable, optional
         Of the binder around them, in the same ways.
     tilts : pair of sequences, optional
@@ -291,34 +334,46 @@ def flakes(
     Raises
     ------
     SceneError
-        For a tilt that is not allowed, both or neither of tilt_deg and tilts, and a name without a wavelength.
+        For a tilt that is not allowed, both of tilt_deg and tilts, and a name or a stack without a wavelength.
+
+    References
+    ----------
+    docs/explanation/flakes.md; of the make-ups by name: vrte/optics/named_flakes.toml.
 
     Examples
     --------
     >>> import vrte
-    >>> metal = vrte.flakes("gold", tilt_deg=10.0, wavelength_um=0.64, host_index=1.5)
-    >>> vrte.Layer.of(metal, flake_area=3.0).extent
+    >>> gold = vrte.flakes("aluminium", 10.0, [("hematite", 0.03), ("silica", 0.35)], wavelength_um=0.6, host_index=1.5)
+    >>> vrte.Layer.of(gold, flake_area=3.0).extent
     3.0
     """
     if tilt_deg is not None and tilts is not None:
         raise SceneError("flakes: give either tilt_deg or tilts", "tilts")
+    words = ""
+    if isinstance(index, str) and (named := MAKE_UPS.get(" ".join(index.lower().replace("_", " ").split()))):
+        if stack is not None:
+            raise SceneError.of("flakes: stack", f"is that of {index!r} already: leave it out, or name the core alone")
+        words, index, stack = f"{index}: ", named["core"], named["stack"]
     given = {"index": index, "host_index": host_index}
-    named = [name for name, one in given.items() if isinstance(one, str | IndexTable)]
-    if wavelength_um is None and named:
-        raise SceneError(f"flakes: {named[0]} is that of a wavelength: give wavelength_um", "wavelength_um")
-    wavelength = 1.0 if wavelength_um is None else check_wavelength(wavelength_um)
-    host, core = find_host_index(host_index, wavelength), None
-    words = "perfect mirrors"
-    if index is not None:
-        found = find_named_index("index", index, wavelength)
-        core, words = found.value, f"flakes of index {found.n:.6g} + {found.k:.6g}i ({found.source})"
-    if host.k > 0.0 and wavelength_um is None:
+    named_index = [name for name, one in given.items() if isinstance(one, str | IndexTable)]
+    if wavelength_um is None and named_index:
+        raise SceneError(f"flakes: {named_index[0]} is that of a wavelength: give wavelength_um", "wavelength_um")
+    wavelength = None if wavelength_um is None else check_wavelength(wavelength_um)
+    host, core = find_host_index(host_index, wavelength or 1.0), None
+    if host.k > 0.0 and wavelength is None:
         raise SceneError("flakes: host_index absorbs, by wavelength: give wavelength_um", "wavelength_um")
+    films, over = check_stack("stack", () if stack is None else stack, wavelength)
+    what = "perfect mirrors"
+    if index is not None:
+        found = find_named_index("index", index, wavelength or 1.0)
+        core, what = found.value, f"index {found.n:.6g} + {found.k:.6g}i ({found.source})"
     return Flakes(
         core,
         USUAL_TILT if tilt_deg is None and tilts is None else tilt_deg,
         None if tilts is None else check_tilts(tilts),
         host.n,
-        find_absorption(host, wavelength),
-        words,
+        find_absorption(host, wavelength or 1.0),
+        films,
+        wavelength,
+        f"flakes: {words}{over}{'on ' if over else ''}{what}",
     )

@@ -123,7 +123,9 @@ class Layer:
         thickness_um: float | None = None,
         volume_fraction: float | None = None,
         packing: str = "independent",
+        flakes: Flakes | None = None,
         flake_area: float | None = None,
+        flake_thickness_um: float | None = None,
     ) -> "Layer":
         """A layer of particles in their host medium, of an optical ``thickness`` (>= 0 or inf), or of a geometrical one
         [um] together with a volume fraction.
@@ -138,13 +140,27 @@ class Layer:
 
         What the host absorbs between the particles counts as extinction without scattering. The layer's ``host_index``
         is that of the host, whatever the packing: surfaces are of binder.
+
+        Oriented flakes take the place of particles, or lie beside them as ``flakes``. ``flake_area`` is their area, one
+        side, over that of the layer. Alone they may be given by ``volume_fraction``, ``flake_thickness_um`` and
+        ``thickness_um``, an area of volume_fraction/flake_thickness_um thickness_um. Where the host absorbs flakes
+        alone need ``thickness_um``.
         """
         if isinstance(particles, Flakes):
-            if flake_area is None or thickness is not None or thickness_um is not None or volume_fraction is not None:
-                raise SceneError.of("layer: flake_area", "alone is what a layer of flakes has, and no thickness")
-            return Layer(isotropic(), 0.0, 0.0, None, particles, flake_area)
-        if flake_area is not None:
-            raise SceneError.of("layer: flake_area", "is that of flakes, and these are particles")
+            if thickness is not None or flakes is not None or packing != INDEPENDENT:
+                unused = "flakes" if flakes is not None else "packing" if thickness is None else "thickness"
+                raise SceneError.of(f"layer: {unused}", "is that of particles, or beside them: these are flakes alone")
+            return _fill_with_flakes(particles, flake_area, volume_fraction, flake_thickness_um, thickness_um)
+        if (flakes is None) != (flake_area is None) or flake_thickness_um is not None:
+            why = "is for flakes alone: beside particles give flake_area"
+            if flake_thickness_um is not None:
+                raise SceneError.of("layer: flake_thickness_um", why)
+            raise SceneError("layer: give both of flakes and flake_area, or none", "flake_area")
+        if flakes is not None and flake_area is not None:
+            alone = Layer.of(
+                particles, thickness, thickness_um=thickness_um, volume_fraction=volume_fraction, packing=packing
+            )
+            return replace(alone, flakes=flakes, flake_area=flake_area)
         if (thickness is None) == (thickness_um is None) or (thickness_um is not None and volume_fraction is None):
             raise SceneError("layer: give either thickness, or thickness_um together with volume_fraction")
         check_packing(packing)
@@ -177,6 +193,30 @@ class Layer:
         allowed = "a length in micrometres >= 0"
         length = check_number("layer: thickness_um", thickness_um, 0.0, LARGEST_THICKNESS, allowed)
         return Layer(isotropic(), 0.0, length * find_absorption(host, wavelength_um), host.n)
+
+
+def _fill_with_flakes(
+    flakes: Flakes, area: float | None, fraction: float | None, flake_um: float | None, length_um: float | None
+) -> Layer:
+    """A layer of flakes alone, of an area, or of a volume fraction, their thickness and the layer's [um]."""
+    by_volume = fraction is not None or flake_um is not None
+    if by_volume == (area is not None) or (by_volume and None in (fraction, flake_um, length_um)):
+        ways = "either flake_area, or volume_fraction, flake_thickness_um and thickness_um"
+        raise SceneError(f"layer: of flakes give {ways}", "flake_area")
+    length = 0.0
+    if length_um is not None:
+        allowed = f"a length in micrometres >= 0, at most {LARGEST_THICKNESS:g} or inf"
+        length = _check_extent("layer: thickness_um", length_um, allowed)
+    if by_volume:
+        allowed = "above 0 and below 1"
+        part = check_number("layer: volume_fraction", fraction, 5e-324, 1.0 - 2.0**-53, allowed)
+        plate = check_number("layer: flake_thickness_um", flake_um, 1e-4, 1e4, "from 1e-4 to 1e4 um")
+        area = part / plate * length
+    elif (flakes.host_absorption > CLEAR_HOST) != (length_um is not None):
+        why = "is needed beside flake_area: the host absorbs" if length_um is None else "is not used: the host is clear"
+        raise SceneError.of("layer: thickness_um", why)
+    absorbed = length * flakes.host_absorption if flakes.host_absorption else 0.0
+    return Layer(isotropic(), 0.0, absorbed, None, flakes, area)  # type: ignore[arg-type]  # checked there
 
 
 def is_fraction_needed(particles: Particles, packing: str) -> bool:
