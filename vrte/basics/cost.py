@@ -47,6 +47,7 @@ A_SPREADING = 500.0  # operations of the small-angle part, for a degree and dire
 A_TERM = 45.0  # operations of the six series of single scattering, for a term
 SCALAR_TERM = 0.25  # of these, where I alone is scattered
 RESPONSE = 100.0  # of a slab between interfaces, over the nodes' unknowns times those with beams and directions of view
+FLAKES = 1.1e4  # operations for a direction that flakes send light to, from 0.3 to 0.5 us
 LOBES, PIECES = 1e5, 30.0  # operations for a direction, an order and a node of a rough interface; nodes added, fitted
 
 # operations that take as long as what they stand for, over n^2 and unknowns on the nodes (docs/explanation/accuracy.md)

@@ -106,7 +106,7 @@ def plan_batch(plan: Plan, scene: Scene, run: Run) -> Plan:
 
 def place_request(request: Request, scene: Scene) -> Request:
     """The same asked of a scene of other thicknesses: depths at faces stay there, others below the top of all."""
-    given, now = (np.array([layer.thickness for layer in one.layers]) for one in (request.scene, scene))
+    given, now = (np.array([layer.extent for layer in one.layers]) for one in (request.scene, scene))
     tau = request.tau
     if request.kind == "brdf":
         tau = np.array([0.0, scene.thickness])[: tau.size]

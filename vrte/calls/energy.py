@@ -72,7 +72,7 @@ def list_notes(request: Request, net: Array) -> list[str]:
 
 def balances_at_top(request: Request, net: Array, allowed: float) -> bool:
     """Whether the net flux at the top alone shows a balance: layers absorb what is lost, and no column gains."""
-    absorbs = any([layer.albedo < 1.0 and layer.thickness > 0.0 for layer in request.scene.layers])
+    absorbs = any([layer.absorbs for layer in request.scene.layers])
     if request.tau.size > 1 or request.tau[0] != 0.0 or not absorbs:
         return False
     return bool((np.sqrt((net[..., 1:] ** 2).sum(axis=-1)) - net[..., 0]).max() <= allowed)
@@ -84,7 +84,7 @@ def locate_levels(request: Request) -> tuple[Array, list[bool]]:
     scene = request.scene
     losing = [False] * (2 * len(scene.layers) + 2)
     for k, layer in enumerate(scene.layers):
-        losing[2 * k + 1] = layer.albedo < 1.0 and layer.thickness > 0.0
+        losing[2 * k + 1] = layer.absorbs
     for k, interface in enumerate(scene.interfaces):
         losing[2 * k] = interface is not None and not interface.is_smooth and not interface.conserving
     losing[-1] = scene.base_is_reached and scene.below.even_albedo < 1.0

@@ -11,8 +11,9 @@ cdef struct Work:
     Sizes s
     Nodes nodes
     int m, n_in, n_col
+    bint oriented, lossy
     double thickness, albedo, asymmetry, steepest
-    given columns, mu0, mu_out
+    given columns, mu0, mu_out, steep       # mu/k of beams, outgoing directions, nodes
     Extended e, f, Ze, Zo, C, a, b, spare, r, t
     doubles v
     Workspace desk
@@ -26,7 +27,10 @@ cdef int double_slabs_one(const void* task, int item, Workspace desk) noexcept n
     cdef doubles memory = desk.work, lost = d.lost + item * n, residual = d.residual + 2 * <size_t>item
     cdef Work w = Work(
         s, Nodes(s.n, stokes, d.nodes, d.weights), d.orders[order] if d.conserving else max(d.orders[order], 1), d.n_in,
-        d.n_col, d.thickness[k], d.albedo[material], d.asymmetry[material], 0.0, d.columns, d.mu0, d.mu_out,
+        d.n_col, d.oriented != NULL and d.oriented[material] != 0, is_lossy(d, material), d.thickness[k],
+        d.albedo[material], d.asymmetry[material], 0.0, d.columns,
+        slants(d.slant_in, material, d.n_in, d.mu0), slants(d.slant_out, material, d.n_out, d.mu_out),
+        slants(d.slant_nodes, material, d.n_node, d.nodes),
         extended_at(s, memory), extended_at(s, memory + each), extended_at(s, memory + 2 * each),
         extended_at(s, memory + 3 * each), extended_at(s, memory + 4 * each), extended_at(s, memory + 5 * each),
         extended_at(s, memory + 6 * each), extended_at(s, memory + 7 * each), extended_at(s, d.R + item * each),
@@ -72,7 +76,7 @@ cdef void put_rates(Work* w, Extended a) noexcept nogil:
         a.II[i] = 1.0 / w.mu0[i // w.n_col]
         w.steepest = max(w.steepest, a.II[i])
     for i in range(w.s.n // w.s.stokes):
-        w.steepest = max(w.steepest, 1.0 / w.nodes.mu[i])
+        w.steepest = max(w.steepest, 1.0 / w.steep[i])
 
 
 cdef void clear_slab(const Work* w, doubles lost) noexcept nogil:
@@ -114,9 +118,12 @@ cdef void turn_extended(Work* w) noexcept nogil:
     conserving_axis(w.nodes, w.v)
     reflect_both(w.nodes, w.v, w.e.N, w.spare.N)
     reflect_both(w.nodes, w.v, w.f.N, w.spare.N)
-    exact_conservation(w.nodes, w.albedo, w.v, w.e.N, w.spare.N)
+    if not w.lossy:
+        exact_conservation(w.nodes, w.albedo, w.v, w.e.N, w.spare.N)
     turn_edges(w, w.e)
     turn_edges(w, w.f)
+    if w.oriented:                          # beams lose what their k says: balanced where it is assembled
+        return
     for i in range(w.s.r):
         w.e.NI[<size_t>i * w.s.n + axis] = w.albedo * w.columns[stokes * (i % w.n_col)] / size
     for i in range(w.s.o):

@@ -12,6 +12,16 @@ cdef inline int flux_axis(int n, int stokes) noexcept nogil:
     return n - stokes
 
 
+cdef inline bint is_lossy(const Arrays* t, int layer) noexcept nogil:
+    """Whether oriented flakes absorb in a layer: its row of the flux is then what the nodes say."""
+    return t.oriented != NULL and t.oriented[layer] and t.albedo[layer] < 1.0
+
+
+cdef inline given slants(given slant, int layer, int count, given mu) noexcept nogil:
+    """mu/k of `count` directions in a layer, mu where particles alone attenuate."""
+    return mu if slant == NULL else slant + <size_t>layer * count
+
+
 cdef inline double half_range(Nodes nodes) noexcept nogil:
     """The sum of weight mu, 1/2 but for rounding."""
     cdef int i

@@ -47,13 +47,13 @@ cdef struct Halved:
 # (1:40)-(1:44)
 cdef int homogeneous_one(const void* task, int item, Workspace desk) noexcept nogil:
     cdef const Arrays* t = <const Arrays*>task
-    cdef int n = t.n, info, i, together, diffusion = -1
+    cdef int n = t.n, layer = layer_of(t.slab_stack, t.n_layer, item), info, i, together, diffusion = -1
     cdef size_t nn = <size_t>n * n, at = <size_t>item * n, first = item * nn
     cdef doubles e = desk.work, f = e + nn, a = f + nn, v = a + nn, spare = v + n, X_lu = t.X_lu + first
     cdef ints X_pivots = t.X_pivots + at
     cdef Halved h = Halved(
-        nodes_of(t), t.conserving and t.orders[item // t.n_layer] == 0, t.quick,
-        t.albedo[layer_of(t.slab_stack, t.n_layer, item)], t.E + first,
+        nodes_of(t), t.conserving and t.orders[item // t.n_layer] == 0 and not is_lossy(t, layer), t.quick,
+        t.albedo[layer], t.E + first,
         t.F + first, t.lam_re + at, t.lam_im + at, t.X + first, t.Y + first, desk.work, desk.pivots)
     cdef bint paired = False       # X^-1 = Y^T
     cdef bint growing = False      # a mode that neither decays nor grows: phase matrices with too many terms have one

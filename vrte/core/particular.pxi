@@ -13,6 +13,7 @@ cdef int particular_one(const void* task, int item, Workspace desk) noexcept nog
     cdef given F = t.F + nn, X = t.X + nn, Y = t.Y + nn, X_lu = t.X_lu + nn, columns = t.columns
     cdef given source_s = t.source_s + per_beam, source_d = t.source_d + per_beam
     cdef given lam_re = t.lam_re + at, lam_im = t.lam_im + at
+    cdef given slant = slants(t.slant_in, item % t.n_layer, n_in, t.mu0)
     cdef given_ints X_pivots = t.X_pivots + at
     cdef int j, a, col
     cdef bint paired = X_pivots[0] < 0        # X^-1 = Y^T, Y^-1 = X^T
@@ -37,7 +38,7 @@ cdef int particular_one(const void* task, int item, Workspace desk) noexcept nog
         solve(n, n_in * n_col, X_lu, X_pivots, p, n)
         solve(n, n_in * n_col, X_lu, X_pivots, q, n)
     for a in range(n_in):
-        rate = 1.0 / t.mu0[a]
+        rate = 1.0 / slant[a]
         for col in range(n_col):
             out_c = p + <size_t>(a * n_col + col) * n
             out_z = q + <size_t>(a * n_col + col) * n

@@ -15,6 +15,7 @@ cdef int respond_one(const void* task, int item, Workspace desk) noexcept nogil:
     cdef int k = item // t.n_order, kind = t.material[k]
     cdef size_t nn = <size_t>n * n, nr = <size_t>n * r, at = <size_t>(item % t.n_order) * t.n_layer + kind, first
     cdef double length = t.thickness[k]
+    cdef given slant_in = slants(t.slant_in, kind, t.n_in, t.mu0)
     cdef doubles R = t.nodes + 2 * item * nn, T = R + nn, up = t.entering + 2 * item * nr, down = up + nr
     cdef doubles leaving = t.leaving + 2 * item * (<size_t>n * o), passing = t.passing + 2 * item * (<size_t>r * o)
     cdef doubles systems = desk.work, top = systems + 2 * nn, rising = top + nr
@@ -23,8 +24,8 @@ cdef int respond_one(const void* task, int item, Workspace desk) noexcept nogil:
     cdef doubles g_e = tangents + 2 * n, g_f = g_e + <size_t>o * n, seen = g_f + <size_t>o * n
     cdef doubles work = seen + <size_t>o * all_
     cdef Slab slab = Slab(modes_at(n, at, t.lam_re, t.lam_im, t.X, t.Y, length, False), r, r // t.n_in, t.c + at * nr,
-                          t.zeta + at * nr, t.mu0, 0.0, systems, systems + nn, R, T, NULL, top, rising, up, down, NULL,
-                          <cplx*>tangents, desk.pivots)
+                          t.zeta + at * nr, slant_in, 0.0, systems, systems + nn, R, T, NULL, top, rising, up, down,
+                          NULL, <cplx*>tangents, desk.pivots)
     cdef Path path
     set_zero(2 * nn, R)
     set_zero(2 * nr, up)
@@ -52,7 +53,7 @@ cdef int respond_one(const void* task, int item, Workspace desk) noexcept nogil:
     multiply(o, n, n, 1.0, t.G_E + at * n * o, slab.modes.X, 0.0, g_e)
     multiply(o, n, n, 1.0, t.G_F + at * n * o, slab.modes.Y, 0.0, g_f)
     path = Path(slab.modes, True, t.stokes, o, t.n_out, n, r, r // t.n_in, g_e, g_f, slab.c, slab.zeta, even, odd,
-                t.mu0, t.mu_out, 0.0, 0.0, 0.0, 0.0)
+                slant_in, slants(t.slant_out, kind, t.n_out, t.mu_out), 0.0, 0.0, 0.0, 0.0)
     set_zero(<size_t>o * all_, seen)
     through_layer(&path, seen, seen, work)
     copy(<size_t>o * n, seen, leaving)

@@ -37,11 +37,12 @@ def solve_plans(plans: Sequence[Plan], run: Run, progress: Progress | None = Non
     """The solutions of plans for one backend, together where its engine takes many; a plan's two parts joined."""
     flat = [part for plan in plans for part in plan.parts or (plan,)]
     solutions: dict[int, Solution] = {}
-    for refracts in (False, True):
-        indices = [index for index, plan in enumerate(flat) if plan.request.scene.keeps_beams == refracts]
+    kinds = [(plan.request.scene.keeps_beams, plan.request.scene.has_flakes) for plan in flat]
+    for refracts, oriented in sorted(set(kinds)):
+        indices = [index for index, kind in enumerate(kinds) if kind == (refracts, oriented)]
         if indices:
             request = flat[0].request
-            engine = choose_engine(request.backend, refracts, request.precision, request.accuracy)
+            engine = choose_engine(request.backend, refracts, request.precision, request.accuracy, oriented)
             own = replace_unchecked(run, kernels=engine.stages) if refracts else run
             solutions |= dict(zip(indices, carry_out([flat[k] for k in indices], engine, own, progress), strict=True))
     found = (solutions[index] for index in range(len(flat)))

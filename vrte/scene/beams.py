@@ -16,6 +16,7 @@ from vrte.basics.polarization import FLIP
 from vrte.optics.fresnel import reflect_smooth, transmit_smooth
 from vrte.scene.boundary import BLACK, Boundary
 from vrte.scene.interface import Interface
+from vrte.scene.oriented import find_oriented, find_slants
 from vrte.scene.scene import Scene
 
 LAST_PLACES = 4.0  # what sums of thicknesses may be off by
@@ -154,12 +155,12 @@ def pass_along(interfaces: Interfaces, decay: Array, sources: Passing) -> Passin
     return found
 
 
-def find_decaying(thickness: Array, cosines: Array) -> Array:
-    """e^(-thickness/mu) of layers (layer,) along cosines (medium, n), (layer, n); 0 where light does not go."""
-    inside = cosines[1:-1]
+def find_decaying(thickness: Array, slants: Array) -> Array:
+    """e^(-thickness/slant) of layers (layer,), slant the cosine (layer, n), or that over k where flakes lie; 0 where
+    light does not go."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        decay = np.exp(-thickness[:, None] / inside)
-    return np.where(inside > 0.0, decay, 0.0)
+        decay = np.exp(-thickness[:, None] / slants)
+    return np.where(slants > 0.0, decay, 0.0)
 
 
 def follow_beams(interfaces: Interfaces, decay: Array) -> Passing:
@@ -204,15 +205,16 @@ def locate_depths(scene: Scene, tau: Array, under: BoolArray) -> Depths:
 
 @lru_cache(maxsize=4)  # of a result are asked: the beams, the balance of light, the forward peak
 def _follow_into(scene: Scene, mu0: bytes) -> tuple[Array, Array, Passing]:
-    """Cosines (medium, n_in) of beams that come in along mu0, the thicknesses (layer,), and the beams."""
+    """Slants (layer, n_in) of beams that come in along mu0, the thicknesses (layer,), and the beams."""
     cosines = find_cosines(scene.media, scene.index_above, np.frombuffer(mu0))
-    thickness = np.array([layer.thickness for layer in scene.layers])
-    return cosines, thickness, follow_beams(make_interfaces(scene, cosines), find_decaying(thickness, cosines))
+    thickness = np.array([layer.extent for layer in scene.layers])
+    slants = find_slants([find_oriented(layer, layer.thickness) for layer in scene.layers], cosines[1:-1])
+    return slants, thickness, follow_beams(make_interfaces(scene, cosines), find_decaying(thickness, slants))
 
 
 def find_direct_light(scene: Scene, mu0: Array, depths: Depths) -> Array:
     """Beams up and down over the power of the incident one, (n_tau, n_in, 2, 4, 4), public frame."""
-    cosines, thickness, passing = _follow_into(scene, mu0.tobytes())
+    slants, thickness, passing = _follow_into(scene, mu0.tobytes())
     found = np.empty((depths.interface.size, mu0.size, 2, 4, 4))
     for t, k in enumerate(depths.interface.tolist()):
         if k >= 0:
@@ -222,7 +224,7 @@ def find_direct_light(scene: Scene, mu0: Array, depths: Depths) -> Array:
         k, share = int(depths.layer[t]), float(depths.share[t])
         length = thickness[k : k + 1] if np.isfinite(thickness[k]) else np.ones(1)
         shares = (1.0 - share, share) if np.isfinite(thickness[k]) else (np.inf, share)
-        upward, down = (find_decaying(part * length, cosines[k : k + 3])[0] for part in shares)
+        upward, down = (find_decaying(part * length, slants[k : k + 1])[0] for part in shares)
         found[t, :, 0] = upward[:, None, None] * passing.leaving[k + 1]
         found[t, :, 1] = down[:, None, None] * passing.entering[k]
     found[:, :, 0] = FLIP[:, None] * found[:, :, 0]

@@ -79,6 +79,12 @@ class Layer:
         """Whether light meets flakes in it."""
         return self.flake_area > 0.0
 
+    @property
+    def absorbs(self) -> bool:
+        """Whether light gets lost in it."""
+        flakes = self.flakes is not None and self.has_flakes and not self.flakes.is_conserving
+        return flakes or (self.albedo < 1.0 and self.thickness > 0.0)
+
     def put_in_medium(self, index: float) -> "Layer":
         """The same layer in a medium of another refractive index; itself where it has none of its own."""
         if self.host_index is None:

@@ -117,8 +117,8 @@ class Scene:
 
     @cached_property
     def keeps_beams(self) -> bool:
-        """Whether light that meets no particle is turned on its way: refracted, or mirrored by the base."""
-        return self.has_interfaces or self.below.keeps_beams
+        """Whether beams are to be followed on their way: refracted, mirrored by the base, or attenuated by flakes."""
+        return self.has_interfaces or self.below.keeps_beams or self.has_flakes
 
     def turned(self) -> "Scene":
         """The scene upside down, its interfaces turned with it, without its base."""

@@ -43,6 +43,8 @@ def find_gap(plan: Plan, variation: Variation) -> str | None:
     scene = plan.request.scene
     if variation.is_outside:
         return "it moves a surface or the refractive index of a medium"
+    if scene.has_flakes:
+        return "layers hold oriented flakes"
     if find_spread(plan):
         return "light of the forward peak is separated"
     if any(boundary.keeps_beams for weight, boundary in variation.base if weight):

@@ -62,13 +62,17 @@ def list_vertices(problem: Problem, base: Boundary, azimuths: Azimuths, run: Run
     escapes = find_escapes(media, cut, sights, problem.n_up, list(ALL), np.array(sources))
     lit, columns = problem.mu0[:, None, None], problem.columns.T
     found = []
-    for pieces in group_pieces(problem, media, cut, problem.mu0.size * sights.cosines.shape[1] * azimuths.phi.size):
+    groups = group_pieces(problem, media, cut, problem.mu0.size * sights.cosines.shape[1] * azimuths.phi.size)
+    for pieces, is_of_flakes in groups:
         for way in range(2):  # light from above goes on at that end, light from below at the other
             ends = ((beams.entering[pieces], 2 * pieces + way), (beams.leaving[pieces + 1], 2 * pieces + 1 - way))
             lights = [(light, source) for light, source in ends if light.any() and escapes[:, :, :, source].any()]
             if lights:
                 power, source = (np.concatenate(parts) for parts in zip(*lights, strict=True))
-                scatter = make_scatterer(problem, media, cut, pieces, into, sights, azimuths, way, run)
+                if is_of_flakes:
+                    scatter = make_flake_scatterer(problem, media, cut, pieces, into, sights, azimuths, way)
+                else:
+                    scatter = make_scatterer(problem, media, cut, pieces, into, sights, azimuths, way, run)
                 of = np.arange(source.size, dtype=np.int32) % pieces.size
                 found.append(Vertex(lit * (power @ columns), escapes[:, :, :, source], scatter, of))
     for k, index in enumerate(rough):
@@ -90,18 +94,22 @@ def list_vertices(problem: Problem, base: Boundary, azimuths: Azimuths, run: Run
     return sights, found
 
 
-def group_pieces(problem: Problem, media: Media, cut: Cut, size: int) -> list[IntArray]:
-    """Pieces that scatter, those of one medium and of as many terms together, as many as fit: ``size`` Mueller matrices
-    each."""
-    groups: dict[tuple[float, int], list[int]] = {}
+def group_pieces(problem: Problem, media: Media, cut: Cut, size: int) -> list[tuple[IntArray, bool]]:
+    """Pieces that scatter, those of one medium and of as many terms together, those with flakes layer by layer, as many
+    as fit, ``size`` Mueller matrices each; and whether it is their flakes that scatter."""
+    groups: dict[tuple[float, int, int, bool], list[int]] = {}
     for k, layer in enumerate(cut.layer.tolist()):
+        one = problem.oriented[layer] if problem.oriented else None
+        apart = -1 if one is None else layer
         if problem.gain[layer] != 0.0:
             terms = len(media.scene.layers[layer].phase_matrix.series)
-            groups.setdefault((media.scene.indices[layer], terms), []).append(k)
+            groups.setdefault((media.scene.indices[layer], terms, apart, False), []).append(k)
+        if one is not None:
+            groups.setdefault((media.scene.indices[layer], 0, apart, True), []).append(k)
     step = max(1, int(PIECE_BYTES / (16 * BYTES * max(1, size))))
     return [
-        np.array(every[first : first + step], np.int32)
-        for every in groups.values()
+        (np.array(every[first : first + step], np.int32), key[-1])
+        for key, every in groups.items()
         for first in range(0, len(every), step)
     ]
 
@@ -129,7 +137,7 @@ def make_scatterer(
     mu_in = np.where(lit, into[place], 1.0)
     mu_out = np.where(out, sights.cosines[place], 1.0)
     if path is None:
-        path = integrate_slab_paths(cut.thickness[pieces], mu_in, mu_out)[way] * problem.gain[layers, None, None]
+        path = integrate_pieces(problem, cut, pieces, mu_in, mu_out, way) * problem.gain[layers, None, None]
     weighted = path * (lit[:, None] & out) / (4.0 * np.pi * index**2 * mu_in[:, None])
     signed = -mu_out if way else mu_out
 
@@ -154,6 +162,47 @@ def make_scatterer(
         if not way:
             found *= FLIP[:, None]
         return found
+
+    return scatter
+
+
+def integrate_pieces(problem: Problem, cut: Cut, pieces: IntArray, mu_in: Array, mu_out: Array, way: int) -> Array:
+    """Path integrals of one scattering in pieces of one layer, or of layers without flakes, for light reflected (way 0)
+    or let through (1): over the outgoing cosine, (piece, n_in, n_out)."""
+    one = problem.oriented[cut.layer[pieces[0]]] if problem.oriented else None
+    if one is None:
+        return integrate_slab_paths(cut.thickness[pieces], mu_in, mu_out)[way]
+    slants = (mu / one.attenuate(mu) for mu in (mu_in, mu_out))
+    return integrate_slab_paths(cut.thickness[pieces], *slants)[way] / one.attenuate(mu_out)
+
+
+def make_flake_scatterer(
+    problem: Problem,
+    media: Media,
+    cut: Cut,
+    pieces: IntArray,
+    into: Array,
+    sights: Sights,
+    azimuths: Azimuths,
+    way: int,
+) -> Scatter:
+    """Of the flakes of pieces of one layer."""
+    layer = int(cut.layer[pieces[0]])
+    one = problem.oriented[layer]
+    assert one is not None
+    place, index = 1 + layer, media.scene.media[1 + layer]
+    lit, out = into[place] > 0.0, sights.cosines[place] > 0.0
+    mu_in, mu_out = np.where(lit, into[place], 1.0), np.where(out, sights.cosines[place], 1.0)
+    path = integrate_pieces(problem, cut, pieces, mu_in, mu_out, way) * one.area
+    weighted = path * (lit[:, None] & out) / (index**2 * mu_in[:, None])
+    phi = np.radians(azimuths.phi)
+
+    def scatter(first: int, last: int) -> Array:
+        signed = (-mu_out if way else mu_out)[:, None]
+        found = one.flakes.scatter(signed, -mu_in[first:last, None, None], phi)
+        if not way:
+            found = FLIP[:, None] * found
+        return weighted[:, first:last, :, None, None, None] * found
 
     return scatter
 

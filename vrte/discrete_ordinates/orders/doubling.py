@@ -50,6 +50,7 @@ def double_slabs(
             source_s=matrices.source_s,
             source_d=matrices.source_d,
             n_extended=_core.extended_size(problem.size, problem.n_rhs, problem.rows_out),
+            **problem.slants,
         )
     info = found.pop("info")
     if info.any():

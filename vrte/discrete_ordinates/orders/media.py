@@ -19,6 +19,7 @@ from vrte.scene.beams import (
     make_interfaces,
     pass_along,
 )
+from vrte.scene.oriented import Oriented, find_slants
 from vrte.scene.scene import Scene
 
 Found = TypeVar("Found")
@@ -28,11 +29,12 @@ RISING, ARRIVING, LEAVING, ENTERING = range(4)  # ways of light at an interface:
 @dataclass(frozen=True, eq=False)
 class Media:
     """What a problem is in beside its layers: the scene whose interfaces and base lie between them, the nodes of all
-    media, and where the depths lie."""
+    media, where the depths lie, and the flakes of each truncated layer, if any has them."""
 
     scene: Scene
     nodes: RefractedNodes
     depths: Depths
+    oriented: tuple[Oriented | None, ...] = ()
     _known: dict[tuple[str | bytes, ...], Any] = field(default_factory=dict)
 
     def find_once(self, find: Callable[[], Found], name: str, *given: Array | IntArray) -> Found:
@@ -140,10 +142,10 @@ def join_pieces(interfaces: Interfaces, cut: Cut) -> Interfaces:
     return Interfaces(*(part.astype(cut.thickness.dtype, copy=False) for part in parts))
 
 
-def find_decaying_of_pieces(cut: Cut, cosines: Array) -> Array:
-    """e^(-thickness/mu) of every piece, (piece, n); cosines (medium, n)."""
-    inside = np.concatenate([cosines[:1], cosines[1 + cut.layer], cosines[-1:]])
-    each = [find_decaying(one, inside) for one in cut.thickness.reshape(cut.layer.size, -1).T]
+def find_decaying_of_pieces(media: Media, cut: Cut, cosines: Array) -> Array:
+    """e^(-thickness k/mu) of every piece, (piece, n); cosines (medium, n)."""
+    slants = find_slants(media.oriented, cosines[1:-1])[cut.layer]
+    each = [find_decaying(one, slants) for one in cut.thickness.reshape(cut.layer.size, -1).T]
     return np.concatenate(each, axis=1)
 
 
@@ -153,7 +155,7 @@ def find_beams(media: Media, cut: Cut, mu0: Array) -> tuple[Array, Passing]:
 
     def follow() -> Passing:
         interfaces = join_pieces(media.interfaces_along(cosines), cut)
-        return follow_beams(interfaces, find_decaying_of_pieces(cut, cosines))
+        return follow_beams(interfaces, find_decaying_of_pieces(media, cut, cosines))
 
     return cosines, media.find_once(follow, "beams", cosines, cut.thickness, cut.interface)
 
@@ -195,6 +197,6 @@ def trace_sights(media: Media, cut: Cut, cosines: Array) -> Array:
         for end, part in enumerate(ends):  # what was seen coming up goes down again, and the other way round
             part[interface, :, :, t, end] = np.eye(4)
     flat = (part.reshape(*shape[:3], -1) for part in (arriving, leaving, entering, rising))
-    back = pass_along(Interfaces(above, below, up, down), find_decaying_of_pieces(cut, cosines), Passing(*flat))
+    back = pass_along(Interfaces(above, below, up, down), find_decaying_of_pieces(media, cut, cosines), Passing(*flat))
     parts = np.stack([back.entering, back.leaving, back.arriving, back.rising])
     return parts.reshape(4, *shape).transpose(4, 5, 0, 1, 2, 3, 6)

@@ -7,6 +7,7 @@ import numpy as np
 from vrte import _core
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.running import Run
+from vrte.discrete_ordinates.orders.oriented_flakes import add_flakes
 from vrte.discrete_ordinates.orders.problem import Problem
 
 
@@ -28,6 +29,8 @@ def assemble(problem: Problem, orders: IntArray, run: Run) -> Assembled:
         result = Assembled(**run.kernels.assemble(crew, orders=orders, **problem.phase_arguments))
     if problem.conserves and 0 in orders and not problem.is_exact:
         balance_flux(problem, result, int(np.argmax(orders == 0)))
+    if any(problem.oriented):
+        add_flakes(problem, result, orders)
     return result
 
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import TypedDict
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from vrte.basics.arrays import Array, IntArray, replace_unchecked
 from vrte.basics.polarization import FLIP
 from vrte.discrete_ordinates.orders.media import Media
 from vrte.discrete_ordinates.orders.skip_flags import EVERYTHING, SkipFlags
+from vrte.scene.oriented import Oriented, find_slants
 
 ALL = (0, 1, 2, 3)  # indices of I, Q, U, V
 
@@ -38,7 +39,8 @@ class Problem:
     need not be done. ``media``: where light is refracted or mirrored between the layers, None where it goes straight
     on; nodes are then those of the densest medium, mu0 and mu_out in the media that the light is in. ``grading``:
     of the nodes, see `make_double_gauss`. Layers and levels of several ``scenes``, with as many of them each, lie one
-    behind another; level_layer (n_tau,) is that of all."""
+    behind another; level_layer (n_tau,) is that of all. ``oriented`` (layer,): flakes of each layer, if any has them;
+    its albedo is then the largest over all directions, and its coefficients are less by what flakes have of it."""
 
     coefficients: Array
     terms: IntArray
@@ -61,6 +63,7 @@ class Problem:
     media: Media | None = None
     grading: int = 1
     scenes: int = 1
+    oriented: tuple[Oriented | None, ...] = ()
 
     @property
     def is_exact(self) -> bool:
@@ -73,6 +76,18 @@ class Problem:
     def directions(self) -> Array:
         """Nodes, then outgoing, then incident cosines."""
         return np.concatenate([self.nodes, self.mu_out, self.mu0])
+
+    @cached_property
+    def slants(self) -> dict[str, Any]:
+        """mu/k along all directions in each layer, as the core takes them; nothing where no layer has flakes."""
+        if not any(self.oriented):
+            return {}
+        layers = len(self.oriented)
+        named = {"slant_nodes": self.nodes, "slant_in": self.mu0, "slant_out": self.mu_out}
+        found: dict[str, Any] = {
+            name: find_slants(self.oriented, np.tile(mu, (layers, 1))) for name, mu in named.items()
+        }
+        return found | {"oriented": np.array([one is not None for one in self.oriented], np.int32)}
 
     @cached_property
     def phase_arguments(self) -> PhaseArguments:
@@ -161,12 +176,13 @@ class Problem:
     @cached_property
     def is_scalar(self) -> bool:
         """Whether I alone is scattered."""
-        return not self.coefficients[..., 1:].any()
+        return not (self.coefficients[..., 1:].any() or any(self.oriented))
 
     @property
     def is_symmetric(self) -> bool:
         """Whether E and F are symmetric: U and V do not mix."""
-        return not (2 in self.stokes and 3 in self.stokes and self.coefficients[..., 5].any())
+        mixes = self.coefficients[..., 5].any() or any(self.oriented)
+        return not (2 in self.stokes and 3 in self.stokes and mixes)
 
     @property
     def conserves(self) -> bool:

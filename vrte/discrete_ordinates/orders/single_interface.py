@@ -26,9 +26,10 @@ TOGETHER = 8  # orders but 0 that facets are integrated for at once: blocks of o
 
 
 def is_under_one_surface(media: Media) -> bool:
-    """Whether all that refracts is an interface on top, and no beam comes up again."""
+    """Whether all that refracts is an interface on top, over particles alone, and no beam comes up again."""
     first, *others = media.scene.interfaces
-    return first is not None and not any(others) and not media.scene.below.keeps_beams
+    beams = media.scene.below.keeps_beams or media.scene.has_flakes
+    return first is not None and not any(others) and not beams
 
 
 def find_depths_within(media: Media) -> BoolArray:
@@ -98,7 +99,7 @@ class SingleInterface(ABC):
         found = np.zeros((light.shape[0], levels, *columns, problem.mu_out.size, len(problem.stokes)))
         rows = []
         for t, index in enumerate(self.sights.place):
-            straight = find_decaying(problem.depth[t : t + 1], self.sights.cosines[:3, index[n_up:]])[0]
+            straight = find_decaying(problem.depth[t : t + 1], self.sights.cosines[1:2, index[n_up:]])[0]
             rows.append((index[:n_up], index[n_up:], straight[:, None]))
         return found, rows
 

@@ -2,6 +2,7 @@
 
 import itertools
 from dataclasses import dataclass
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -106,9 +107,12 @@ def find_materials(problem: Problem) -> tuple[list[int], IntArray]:
         return list(range(problem.albedo.size)), np.arange(problem.albedo.size, dtype=np.int32)
     first: list[int] = []
     kinds = np.empty(problem.albedo.size, np.int32)
-    known: dict[tuple[float, int, bytes], int] = {}
+    known: dict[tuple[Any, ...], int] = {}
     for layer, (albedo, terms) in enumerate(zip(problem.albedo, problem.terms, strict=True)):
         key = (float(albedo), int(terms), problem.coefficients[layer].tobytes()) if albedo > 0.0 else (0.0, 0, b"")
+        one = problem.oriented[layer] if problem.oriented else None
+        if one is not None:
+            key = (*key, id(one.flakes), one.particles, one.area)
         if key not in known:
             known[key] = len(first)
             first.append(layer)
@@ -131,6 +135,7 @@ def select_materials(problem: Problem, layers: list[int]) -> Problem:
         coefficients=np.ascontiguousarray(problem.coefficients[layers]),
         terms=problem.terms[layers],
         albedo=problem.albedo[layers],
+        oriented=tuple([problem.oriented[layer] for layer in layers]) if problem.oriented else (),
     )
 
 

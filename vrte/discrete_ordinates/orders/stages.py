@@ -40,6 +40,7 @@ def list_known(
         "level": problem.level,
         "level_layer": problem.level_layer,
         **top.arguments_of(orders),
+        **problem.slants,
     }
     if base is not None:
         known |= {"base": base.matrix, "base_source": base.source, "base_out": base.out}

@@ -46,7 +46,13 @@ def find_batch_key(scene: Scene, request: Request) -> BatchKey | None:
     assert request.mu is not None
     nodes = request.nodes or 0
     below, surface = scene.below, scene.interfaces[0]
-    if below.keeps_beams or below.is_uneven or below.orders_reflected > 1 or any(scene.interfaces[1:]):
+    if (
+        scene.has_flakes
+        or below.keeps_beams
+        or below.is_uneven
+        or below.orders_reflected > 1
+        or any(scene.interfaces[1:])
+    ):
         return None
     # a BRDF's orders under a surface are counted again on the way
     if surface is not None and (request.kind == "brdf" or not surface.is_smooth or find_under(request).any()):

@@ -103,8 +103,10 @@ def make_blocks(
     sets: Sets = ((ALL,),) * count
     if skip_flags.stokes and not base.mixes_stokes:
         sets = list_stokes_sets(problem)[0][:count]
-        rough = problem.media is not None and problem.media.scene.is_rough
-        if rough and base_couples_orders:  # facets scatter all of them, and at order 0 keep (I, Q) and (U, V) apart
+        rough = any(problem.oriented) or (problem.media is not None and problem.media.scene.is_rough)
+        if (
+            rough and base_couples_orders
+        ):  # facets and flakes scatter all of them, and at order 0 keep (I, Q) and (U, V) apart
             sets = (((0, 1), (2, 3)), *[(ALL,)] * (count - 1))
     along_normal = skip_flags.normal and is_along_normal(problem)
     reached = ((problem.albedo.size, not bool(np.isinf(problem.thickness[-1]))),) * count

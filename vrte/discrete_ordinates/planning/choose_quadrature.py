@@ -12,10 +12,12 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.quadrature import count_panel_nodes, make_refracted_nodes
+from vrte.discrete_ordinates.orders.oriented_flakes import find_tilt
 from vrte.discrete_ordinates.orders.truncating import count_terms_carried, is_scalar
 from vrte.discrete_ordinates.planning.choice import is_too_steep
 from vrte.request.how import EXACT
 from vrte.request.request import Request
+from vrte.scene.layer import Layer
 from vrte.scene.scene import Scene
 
 SERIES = (4, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50, 64, 80, 100, 128, 160, 200, 256)  # nodes a hemisphere
@@ -100,8 +102,8 @@ def find_scattering_thickness(scene: Scene) -> dict[float, float]:
     """Of the layers of each medium that scatter, by its refractive index."""
     found: dict[float, float] = {}
     for index, layer in zip(scene.indices, scene.layers, strict=True):
-        if layer.albedo > 0.0:
-            found[index] = found.get(index, 0.0) + layer.thickness
+        if layer.albedo > 0.0 or layer.has_flakes:
+            found[index] = found.get(index, 0.0) + layer.extent
     return found
 
 
@@ -115,7 +117,7 @@ def find_unseen_share(scene: Scene, nodes: int, grading: int) -> float:
         for index, way in ways.items():
             if shared.carried(index)[0][0] > way:
                 layers = zip(scene.indices, scene.layers, strict=True)
-                sent = sum(layer.albedo * layer.thickness for each, layer in layers if each == index)
+                sent = sum(scatter_share(layer) for each, layer in layers if each == index)
                 found = max(found, sent * way / whole)
     return found
 
@@ -137,6 +139,7 @@ def estimate_graded_errors(scene: Scene, tau: Array, cut: Array) -> Array:
     nodes = count_nodes_of_horizon(scene, COUNTS)
     error = 0.1 * np.exp((-0.8 if has_mirrored_horizon(scene) else -1.2) * nodes) + cut
     error = np.maximum(error, estimate_unseen_share(scene, COUNTS, 2))
+    error = np.maximum(error, estimate_flake_error(scene, COUNTS))
     for length in list_short_ways(scene, tau):
         error = np.maximum(error, min(length, 1.0) * np.exp(-1.55 * length**0.25 * nodes))
     return error
@@ -149,6 +152,7 @@ def estimate_errors(scene: Scene, mu0: Array, mu: Array, tau: Array, cut: Array)
     smooth = has_mirrored_horizon(scene)
     error = 0.1 * np.exp(-1.2 * nodes) if smooth else estimate_grazing_error(nodes, lowest)
     error = np.maximum(error + cut, estimate_unseen_share(scene, COUNTS, 1))
+    error = np.maximum(error, estimate_flake_error(scene, COUNTS))
     for length in list_short_ways(scene, tau):
         error = np.maximum(error, estimate_thin_error(nodes, length, lowest))
     return np.maximum(error, 0.05 * np.exp(-0.3 * COUNTS)) if scene.is_rough else error  # 0.23 to 0.36, by alpha
@@ -167,7 +171,7 @@ def find_lowest_node(scene: Scene, nodes: Any, grading: int) -> Any:
 def estimate_unseen_share(scene: Scene, nodes: Array, grading: int) -> Array:
     """`find_unseen_share` of all layers as one."""
     way = sum(find_scattering_thickness(scene).values())
-    sent = sum(layer.albedo * min(layer.thickness, 1.0) for layer in scene.layers)
+    sent = sum(min(scatter_share(layer), 1.0) for layer in scene.layers)
     return np.where(find_lowest_node(scene, nodes, grading) > way, sent, 0.0)
 
 
@@ -176,6 +180,21 @@ def estimate_grazing_error(nodes: Array, lowest: float) -> Array:
     pole = 0.1 * np.exp(-4.0 * nodes * math.asinh(math.sqrt(lowest)))
     logarithm = 20.0 * (LOWEST / lowest) ** 0.7 * nodes**-6.0
     return pole + logarithm
+
+
+def scatter_share(layer: Layer) -> float:
+    """Albedo times thickness of a layer's particles, and the area of its flakes."""
+    return layer.albedo * layer.thickness + layer.flake_area
+
+
+def estimate_flake_error(scene: Scene, nodes: Array) -> Array:
+    """Error by the narrowest lobe of flakes, from aluminium with tilts of 3 to 30 degrees, bare and under n = 1.5."""
+    tilts = [find_tilt(layer.flakes) for layer in scene.layers if layer.flakes is not None and layer.has_flakes]
+    if not tilts:
+        return np.zeros_like(nodes)
+    tilt = math.degrees(min(tilts))
+    digits = (count_nodes_of_horizon(scene, nodes) + 0.5 + 20.0 / tilt) / (1.25 + 22.5 / tilt)
+    return np.asarray(10.0**-digits)
 
 
 def estimate_thin_error(nodes: Array, length: float, lowest: float) -> Array:

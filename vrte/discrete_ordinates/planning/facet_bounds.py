@@ -32,9 +32,11 @@ ENOUGH = 1e-3  # accuracy of these integrals
 
 
 def couples_orders(problem: Problem, base: Boundary) -> bool:
-    """Whether light of orders or Stokes parameters that no layer scatters comes back: from an uneven base, or between
-    surfaces, one of them rough."""
+    """Whether light of orders or Stokes parameters that no particle scatters comes back: from flakes, an uneven base,
+    or between surfaces, one of them rough."""
     media = problem.media
+    if any(problem.oriented):
+        return True
     return base.is_uneven or (media is not None and media.scene.is_rough and not is_under_one_surface(media))
 
 

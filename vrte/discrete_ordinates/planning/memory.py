@@ -27,7 +27,13 @@ def count_doubles_needed(
         base = 4.0 * max(4.0 * result / problem.mu0.size, PIECE_BYTES / BYTES)
     kernels = sum(count_doubles_of_kernels(block) for block in blocks)
     matrices = max((count_doubles_of_block(block, threads) for block in blocks), default=0.0)
-    return result + 8.0 * azimuths.angle.size + sums + base + kernels + matrices
+    return result + 8.0 * azimuths.angle.size + sums + base + kernels + matrices + count_doubles_of_flakes(problem)
+
+
+def count_doubles_of_flakes(problem: Problem) -> float:
+    """Doubles of the Fourier matrices of all orders, for each kind of flakes, as they are made."""
+    kinds = {id(one.flakes) for one in problem.oriented if one is not None}
+    return len(kinds) * 3.0 * 2.0 * 16.0 * problem.coefficients.shape[1] * problem.directions.size * problem.nodes.size
 
 
 def count_doubles_of_kernels(block: Block) -> float:

@@ -6,6 +6,7 @@ import numpy as np
 
 from vrte.basics import cost
 from vrte.basics.arrays import Array
+from vrte.discrete_ordinates.orders.oriented_flakes import count_flake_points
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.single_interface import is_under_one_surface
 from vrte.discrete_ordinates.orders.slabs import cut_layers, merge_materials, select_materials
@@ -51,6 +52,13 @@ def count_operations_of_interfaces(block: Block) -> float:
     return block.orders.size * (responses + lobes)
 
 
+def count_operations_of_flakes(problem: Problem) -> float:
+    """Of the Fourier matrices of all orders, for each kind of flakes in each medium."""
+    kinds = {id(one.flakes) for one in problem.oriented if one is not None}
+    rows = problem.directions.size
+    return len(kinds) * cost.FLAKES * count_flake_points(rows, problem.nodes.size, problem.coefficients.shape[1])
+
+
 def count_operations_of_layers(problem: Problem) -> float:
     """Of an order by modes: those of each material that scatters, and of layers that meet others."""
     materials, _ = merge_materials(problem)
@@ -78,7 +86,8 @@ def count_operations_of_plan(plan: "Plan") -> float:
         return sum(count_operations_of_plan(part) for part in plan.parts)
     strengths = [plan.needs.strength[0, block.orders] for block in plan.blocks]
     blocks = zip(plan.blocks, strengths, strict=True)
-    return count_operations_of_sums(plan) + sum(count_operations_of_block(*each, plan.accuracy) for each in blocks)
+    beside = count_operations_of_sums(plan) + count_operations_of_flakes(plan.problem)
+    return beside + sum(count_operations_of_block(*each, plan.accuracy) for each in blocks)
 
 
 def count_operations_of_sums(plan: "Plan") -> float:

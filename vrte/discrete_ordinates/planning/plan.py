@@ -13,6 +13,7 @@ from vrte.basics.running import Run
 from vrte.basics.views import view
 from vrte.discrete_ordinates.orders.discretise import (
     MOST_SURFACE_ORDERS,
+    count_flake_orders,
     count_lobe_orders,
     count_surface_orders,
     discretise_scenes,
@@ -215,6 +216,11 @@ class Plan:
             notes.append(
                 f"light of rough interfaces is right to {FINEST_OF_FACETS:g} of the largest I, no finer accuracy"
             )
+        if scene.has_flakes:
+            orders = count_flake_orders(scene, self.problem.mu0, self.problem.mu_out, self.request.tau, self.accuracy)
+            if orders > MOST_SURFACE_ORDERS:
+                words = f"lobes of flakes near the horizon have {orders} Fourier orders of light scattered twice"
+                notes.append(f"{words}, of which {MOST_SURFACE_ORDERS} are solved for")
         if 0 < count_surface_orders(scene, self.problem.nodes.size) < (orders := count_lobe_orders(scene)):
             words = f"lobes of facets as smooth as these have {orders} Fourier orders between surfaces"
             notes.append(f"{words}, of which {MOST_SURFACE_ORDERS} are solved for")
@@ -370,7 +376,7 @@ def make_plan(
     truncations = [truncation or choose_truncation(request.truncation, each, *asked) for each in scenes]
     into = request.mu0, request.columns, mu[rank], stack_depths(request, scenes), nodes
     peaks = [one.peaks for one in truncations]
-    problem = discretise_scenes(scenes, *into, peaks, request.under, grading, truncations[0].whole)
+    problem = discretise_scenes(scenes, *into, peaks, request.under, grading, truncations[0].whole, accuracy)
     if skip_flags != EVERYTHING:
         problem = replace_unchecked(problem, skip_flags=skip_flags)
     uneven = couples_orders(problem, scene.below)

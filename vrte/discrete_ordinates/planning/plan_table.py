@@ -17,6 +17,7 @@ from vrte.discrete_ordinates.planning.blocks import Block, explain_normal
 from vrte.discrete_ordinates.planning.memory import count_doubles_needed, count_doubles_of_kernels
 from vrte.discrete_ordinates.planning.operations import (
     count_operations_of_block,
+    count_operations_of_flakes,
     count_operations_of_plan,
     count_operations_of_sums,
 )
@@ -112,7 +113,7 @@ def list_plan_facts(plan: "Plan") -> dict[str, Any]:
     blocks = [list_block_facts(plan, block) for block in plan.blocks]
     result = plan.wanted.doubles(request.phi.size)
     doubles = count_doubles_needed(problem, plan.blocks, result, plan.azimuths, plan.threads)
-    sums = count_operations_of_sums(plan)
+    sums = count_operations_of_sums(plan) + count_operations_of_flakes(problem)
     operations = sums + sum(block["operations"] for block in blocks)
     found = {
         "kind": request.kind,

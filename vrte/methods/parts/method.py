@@ -238,9 +238,9 @@ class Method:
                 "base but a Lambertian one" if self.base == "even" else "base",
             ),
             (not self.depths and bool(((tau > 0.0) & (tau < scene.thickness)).any()), "depth inside a layer"),
+            (not self.flakes and scene.has_flakes, "oriented flakes"),
             (self.interfaces == "none" and scene.keeps_beams, "refracting or mirroring surface"),
             (self.interfaces == "smooth" and scene.is_rough, "rough interface"),
-            (not self.flakes and scene.has_flakes, "oriented flakes"),
             (not self.semi_infinite and not np.isfinite(scene.thickness), "semi-infinite layer"),
         ]
         return [words for is_there, words in found if is_there]

@@ -192,7 +192,7 @@ class Sections:
         self.interfaces = type(self.interfaces)(
             *(part[..., self.members[0], self.members[1]] for part in vars(self.interfaces).values())
         )
-        self.decay = find_decaying_of_pieces(cut, media.cosines)
+        self.decay = find_decaying_of_pieces(media, cut, media.cosines)
         self.scale = np.repeat(np.sqrt(media.nodes.measure), len(problem.stokes))[:, None]
         on_nodes = {
             index: OnNodes(beam_paths.of_medium(index, 1 + layer)) for layer, index in enumerate(media.scene.indices)

@@ -16,10 +16,17 @@ ENGINES = {"openmp": "cpu", "sequential": "cpu", "lapack": "cpu", "opencl": "ope
 KERNELS = ("assemble", "reconstruct", "azimuthal_sum", "add_single_scattering")
 
 
-def choose_engine(backend: Backend, refracts: bool = False, precision: str = "auto", accuracy: float = 0.0) -> Engine:
+def choose_engine(
+    backend: Backend,
+    refracts: bool = False,
+    precision: str = "auto",
+    accuracy: float = 0.0,
+    oriented: bool = False,
+) -> Engine:
     """The engine of a backend; where kernels and linear algebra are of two engines, a processor's with stages of both.
 
-    For scenes that refract, ``refracts``, that is so for a device as well: the processor joins its slabs. ``precision``
+    For scenes that refract, ``refracts``, that is so for a device as well: the processor joins its slabs, and solves
+    them where they hold ``oriented`` flakes, whose attenuation a device does not know. ``precision``
     and ``accuracy``: as asked for, of a device. Raises SceneError where another precision than doubles is asked for and
     the processor has a part in it, DeviceError where there is no device, MissingExtraError without pyopencl."""
     kernels, algebra = (ENGINES[kind] for kind in (backend.kernels, backend.linear_algebra))
@@ -27,7 +34,7 @@ def choose_engine(backend: Backend, refracts: bool = False, precision: str = "au
         if precision == "single":
             words = "is not for scenes that refract or mirror light: the processor joins their slabs, in doubles"
             raise SceneError(f"precision {precision!r} {words}", "precision")
-        return Processor(mix_stages(load_stages(kernels), load_stages(algebra)))
+        return Processor(mix_stages(load_stages(kernels), _core if oriented else load_stages(algebra)))
     reported = {"asked": precision, "accuracy": accuracy} if backend.needs_device else {}
     return import_module(f"{__name__}.{kernels}").open_engine(**reported)
 
