@@ -62,7 +62,8 @@ def list_vertices(problem: Problem, base: Boundary, azimuths: Azimuths, run: Run
     escapes = find_escapes(media, cut, sights, problem.n_up, list(ALL), np.array(sources))
     lit, columns = problem.mu0[:, None, None], problem.columns.T
     found = []
-    groups = group_pieces(problem, media, cut, problem.mu0.size * sights.cosines.shape[1] * azimuths.phi.size)
+    size = problem.mu0.size * sights.cosines.shape[1] * azimuths.phi.size
+    groups = [(one, way) for way in (False, True) for one in group_pieces(problem, media, cut, size, way)]
     for pieces, is_of_flakes in groups:
         for way in range(2):  # light from above goes on at that end, light from below at the other
             ends = ((beams.entering[pieces], 2 * pieces + way), (beams.leaving[pieces + 1], 2 * pieces + 1 - way))
@@ -94,22 +95,19 @@ def list_vertices(problem: Problem, base: Boundary, azimuths: Azimuths, run: Run
     return sights, found
 
 
-def group_pieces(problem: Problem, media: Media, cut: Cut, size: int) -> list[tuple[IntArray, bool]]:
-    """Pieces that scatter, those of one medium and of as many terms together, those with flakes layer by layer, as many
-    as fit, ``size`` Mueller matrices each; and whether it is their flakes that scatter."""
-    groups: dict[tuple[float, int, int, bool], list[int]] = {}
+def group_pieces(problem: Problem, media: Media, cut: Cut, size: int, of_flakes: bool = False) -> list[IntArray]:
+    """Pieces whose particles scatter, or whose flakes do: those of one medium and of as many terms together, those with
+    flakes layer by layer, as many as fit, ``size`` Mueller matrices each."""
+    groups: dict[tuple[float, int, int], list[int]] = {}
     for k, layer in enumerate(cut.layer.tolist()):
-        one = problem.oriented[layer] if problem.oriented else None
-        apart = -1 if one is None else layer
-        if problem.gain[layer] != 0.0:
+        has_flakes = bool(problem.oriented) and problem.oriented[layer] is not None
+        if has_flakes if of_flakes else problem.gain[layer] != 0.0:
             terms = len(media.scene.layers[layer].phase_matrix.series)
-            groups.setdefault((media.scene.indices[layer], terms, apart, False), []).append(k)
-        if one is not None:
-            groups.setdefault((media.scene.indices[layer], 0, apart, True), []).append(k)
+            groups.setdefault((media.scene.indices[layer], terms, layer if has_flakes else -1), []).append(k)
     step = max(1, int(PIECE_BYTES / (16 * BYTES * max(1, size))))
     return [
-        (np.array(every[first : first + step], np.int32), key[-1])
-        for key, every in groups.items()
+        np.array(every[first : first + step], np.int32)
+        for every in groups.values()
         for first in range(0, len(every), step)
     ]
 
