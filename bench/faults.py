@@ -149,7 +149,7 @@ OTHERS = list_faults(
      "models that do not fit are said to fit", "fit"),
     ("hiding", "appearance/hiding.py", "\nCLOSE = 1e-3", "\nCLOSE = 0.3",
      "the search for the hiding thickness ends too early", "appearance_hiding"),
-    ("stale-slopes", "fit/problem.py", "self.failed >= PATIENCE and", "self.failed >= 10**9 and",
+    ("stale-slopes", "fit/problem.py", "if self.updates and not", "if self.updates > 10**9 and not",
      "derivatives that lead nowhere are never found anew", "fit"),
 )  # fmt: skip
 

@@ -20,7 +20,7 @@ KEPT = 4  # points whose solves are remembered
 LOSSES = ("linear", "soft_l1")
 JACOBIANS = ("exact", "differences")
 MOST_STARTS = 1000
-PATIENCE = 2  # trials in a row that lower nothing, after which updated derivatives are found anew
+SURPRISE = 1.5  # change of residuals that derivatives did not predict over what they did: beyond, they are found anew
 ENOUGH = 1e-7  # relative change of the sum, or of the coordinates, that ends a descent
 
 
@@ -208,19 +208,20 @@ class FitProblem:
 
 
 class StaleSlopesError(Exception):
-    """Trials in a row did not lower the sum, by slopes that are updates."""
+    """A trial did not lower the sum, by slopes that are updates."""
 
 
 class Descent:
     """A walk to the least sum over the ``free`` coordinates, the others as in ``begin``, from ``x``. Derivatives are
-    those of the model there, then updated from step to step by what residuals changed (Broyden): a trial is a solve
-    without derivatives. ``x`` and ``point`` become the last step's; ``report`` gets the point of each."""
+    those of the model there, then updated from step to step by what residuals changed (Broyden) where they had nearly
+    foreseen it: a trial is a solve without derivatives. ``x`` and ``point`` become the last step's; ``report`` gets the
+    point of each."""
 
     def __init__(
         self, problem: FitProblem, begin: Array, free: BoolArray, x: Array, report: Callable[[Point], None] | None
     ) -> None:
         self.problem, self.begin, self.free, self.x, self.report = problem, begin, free, x, report
-        self.trials, self.failed, self.updates = 0, 0, 0
+        self.trials, self.updates = 0, 0
         self.point = problem.find_point(self.find_values(x), True)
         self.slopes, self.residuals = problem.find_slopes(self.point)[:, free], problem.join(self.point)
         self.cost = problem.measure(self.residuals)
@@ -235,8 +236,7 @@ class Descent:
         """Of a trial. Raises StaleSlopesError."""
         self.trials += 1
         found = self.problem.find_residuals(self.find_values(x))
-        self.failed = 0 if self.problem.measure(found) <= self.cost else self.failed + 1
-        if self.failed >= PATIENCE and self.updates:
+        if self.updates and not self.problem.measure(found) <= self.cost:
             raise StaleSlopesError
         return found
 
@@ -244,14 +244,20 @@ class Descent:
         """Where a step has led: the least change of derivatives, each by its own size, that explains the residuals."""
         step = x - self.x
         if step.any():
-            self.point = self.problem.find_point(self.find_values(x), False)
-            residuals = self.problem.join(self.point)
+            values = self.find_values(x)
+            self.point = self.problem.find_point(values, False)
+            residuals, predicted = self.problem.join(self.point), self.slopes @ step
+            surprise = residuals - self.residuals - predicted
             weights = (self.slopes**2).sum(axis=0) * step
-            if weights @ step > 0.0:
-                surprise = residuals - self.residuals - self.slopes @ step
-                self.slopes = self.slopes + np.outer(surprise, weights / (weights @ step))
+            if np.linalg.norm(surprise) > SURPRISE * np.linalg.norm(predicted):
+                self.point, self.updates = self.problem.find_point(values, True), 0
+                self.slopes = self.problem.find_slopes(self.point)[:, self.free]
+            elif weights @ step > 0.0:
+                self.slopes, self.updates = (
+                    self.slopes + np.outer(surprise, weights / (weights @ step)),
+                    self.updates + 1,
+                )
             self.x, self.residuals, self.cost = x.copy(), residuals, self.problem.measure(residuals)
-            self.updates += 1
             if self.report is not None:
                 self.report(self.point)
         return self.slopes.copy()  # a robust loss scales them in place
