@@ -104,6 +104,19 @@ def test_what_orders_are_the_least_of_is_predicted(scene: vrte.Scene, nodes: int
     assert 0.1 < (time.process_time() - begin) / predicted < 10.0
 
 
+def test_rough_scenes_are_predicted_beside_each_other() -> None:
+    """A plate was forecast five times too long beside a surface on top; the machine's speed does not matter."""
+    layer, mu = vrte.Layer(vrte.rayleigh(), 0.9, 1.0), np.linspace(0.1, 1.0, 12)
+    faces = [vrte.Interface(1.0, 1.5, 0.3), layer, vrte.Interface(1.5, 1.0, 0.3)]
+    ratios = []
+    for scene, nodes in ((ROUGH, 64), (vrte.Scene(faces), 32)):
+        predicted, _ = predict_call(make_request("brdf", scene, mu, mu, nodes=nodes, threads=1))
+        begin = time.process_time()
+        vrte.brdf(scene, mu, mu, nodes=nodes, threads=1)
+        ratios.append(predicted / (time.process_time() - begin))
+    assert 0.4 < ratios[1] / ratios[0] < 2.5
+
+
 def test_memory_of_rough_surfaces_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     """All orders of what facets send on are there at once: three times what all else takes."""
     reported: list[float] = []

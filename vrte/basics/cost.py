@@ -28,6 +28,7 @@ RATE: Mapping[str, float] = {
     "successive-orders": 2.5e10,
 }
 PLANNING_RATE = 2e8  # rate of planning [1/s]: squares of Fourier orders times directions
+SEARCHING = 1.7  # run time of a search for the nodes over that of its last solve
 VERIFYING = 4.0  # run time of verify=True, by both algorithms, over that of one
 
 # operations of discrete ordinates over n^3, counted; lower powers of n are in the formulas
@@ -46,9 +47,11 @@ STEPS_ENDLESS = 8  # doubling steps of a semi-infinite layer
 A_SPREADING = 500.0  # operations of the small-angle part, for a degree and direction
 A_TERM = 45.0  # operations of the six series of single scattering, for a term
 SCALAR_TERM = 0.25  # of these, where I alone is scattered
-RESPONSE = 100.0  # of a slab between interfaces, over the nodes' unknowns times those with beams and directions of view
 FLAKES = 1.1e4  # operations for a direction that flakes send light to, from 0.3 to 0.5 us
-LOBES, PIECES = 1e5, 30.0  # operations for a direction, an order and a node of a rough interface; nodes added, fitted
+RESPONSE = 28.0  # of a slab between interfaces, over the nodes' unknowns times those with beams and directions of view
+LOBES, PIECES = 2.1e3, 30.0  # operations of facets for a direction, a node and a squared point; nodes added, fitted
+TOTALLY = 2.3  # time of facets that reflect totally over that of others
+ORDERS = 550.0, 4.0  # squared Fourier orders that take as long as one: reflected; let through, times the lobe's width
 
 # operations that take as long as what they stand for, over n^2 and unknowns on the nodes (docs/explanation/accuracy.md)
 DOUBLING_STEP, ADDING = 9.0, 7.0  # a doubling step, whose rows off the nodes take half the time; adding a slab

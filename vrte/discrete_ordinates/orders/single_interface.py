@@ -22,7 +22,7 @@ from vrte.discrete_ordinates.orders.solved import Orders
 from vrte.scene.beams import find_cosines, find_decaying
 from vrte.scene.boundary import Boundary
 
-TOGETHER = 8  # orders but 0 that facets are integrated for at once: blocks of orders come one after another
+TOGETHER = 8  # orders but 0 that facets are integrated for at once
 
 
 def is_under_one_surface(media: Media) -> bool:
@@ -30,6 +30,11 @@ def is_under_one_surface(media: Media) -> bool:
     first, *others = media.scene.interfaces
     beams = media.scene.below.keeps_beams or media.scene.has_flakes
     return first is not None and not any(others) and not beams
+
+
+def round_orders(n_order: int) -> int:
+    """So many orders or more, that facets are integrated for: blocks of orders come one after another."""
+    return 1 + TOGETHER * max(1, math.ceil((n_order - 1) / TOGETHER))
 
 
 def find_depths_within(media: Media) -> BoolArray:
@@ -195,7 +200,7 @@ class UnderRough(SingleInterface):
         members, (mu, weights) = list(problem.stokes), self.media.nodes.carried(self.media.scene.index_above)
         root, n = np.sqrt(inside.weights * inside.nodes), inside.size
         above = FacetOrders(surface.facets, self.media.nodes, accuracy, run)
-        below, count = above.turned, 1 + TOGETHER * max(1, math.ceil((n_order - 1) / TOGETHER))
+        below, count = above.turned, round_orders(n_order)
 
         def along(orders: Array, cosines: Array, scale: Array | float = 1.0) -> Array:
             """From the scaled field to directions of those ``cosines``, 0 where they do not go, in the flipped frame:

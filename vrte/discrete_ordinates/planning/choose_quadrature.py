@@ -12,6 +12,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.quadrature import count_panel_nodes, make_refracted_nodes
+from vrte.discrete_ordinates.orders.discretise import LOBE, count_lobe_orders, count_surface_orders
 from vrte.discrete_ordinates.orders.oriented_flakes import find_tilt
 from vrte.discrete_ordinates.orders.truncating import count_terms_carried, is_scalar
 from vrte.discrete_ordinates.planning.choice import is_too_steep
@@ -155,7 +156,17 @@ def estimate_errors(scene: Scene, mu0: Array, mu: Array, tau: Array, cut: Array)
     error = np.maximum(error, estimate_flake_error(scene, COUNTS))
     for length in list_short_ways(scene, tau):
         error = np.maximum(error, estimate_thin_error(nodes, length, lowest))
-    return np.maximum(error, 0.05 * np.exp(-0.3 * COUNTS)) if scene.is_rough else error  # 0.23 to 0.36, by alpha
+    return np.maximum(error, estimate_facet_error(scene, COUNTS)) if scene.is_rough else error
+
+
+def estimate_facet_error(scene: Scene, nodes: Array) -> Array:
+    """Error by lobes of facets, (nodes,): it falls by a factor exp(-0.23) to exp(-0.36) a node, by alpha, and between
+    surfaces, where light scattered by facets alone is seen, once nodes resolve the narrowest lobe."""
+    found = 0.05 * np.exp(-0.3 * nodes)
+    if count_surface_orders(scene, 1):
+        width = LOBE / count_lobe_orders(scene)
+        found = np.maximum(found, 0.1 * np.exp(-((nodes * width) ** 2) / 2.4))
+    return found
 
 
 def count_nodes_of_horizon(scene: Scene, nodes: Any) -> Any:

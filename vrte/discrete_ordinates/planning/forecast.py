@@ -57,5 +57,7 @@ def warn_runtime_of_plan(plan: Plan, run: Run) -> None:
 
 
 def predict_total_seconds(plan: Plan) -> float:
-    """Of all parts of a plan on one thread, with what verifies them."""
-    return count_operations_of_plan(plan) / cost.RATE[EXACT] * (cost.VERIFYING if plan.request.verify else 1.0)
+    """Of all parts of a plan on one thread, with what verifies them and with the search for nodes."""
+    request = plan.request
+    times = (cost.VERIFYING if request.verify else 1.0) * (cost.SEARCHING if request.nodes is None else 1.0)
+    return count_operations_of_plan(plan) / cost.RATE[EXACT] * times

@@ -1,6 +1,7 @@
 """How many floating-point operations a plan takes, roughly: products and factorisations counted, lower orders not."""
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -8,7 +9,7 @@ from vrte.basics import cost
 from vrte.basics.arrays import Array
 from vrte.discrete_ordinates.orders.oriented_flakes import count_flake_points
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.single_interface import is_under_one_surface
+from vrte.discrete_ordinates.orders.single_interface import is_under_one_surface, round_orders
 from vrte.discrete_ordinates.orders.slabs import cut_layers, merge_materials, select_materials
 from vrte.discrete_ordinates.planning.blocks import Block
 from vrte.discrete_ordinates.planning.choice import (
@@ -17,6 +18,8 @@ from vrte.discrete_ordinates.planning.choice import (
     count_operations_of_modes,
     count_operations_of_scatterings,
 )
+from vrte.optics.facet_integrals import choose_points
+from vrte.optics.facets import RoughSurface
 from vrte.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -25,7 +28,7 @@ if TYPE_CHECKING:
 
 def count_operations_of_block(block: Block, strength: Array, accuracy: float) -> float:
     """Of all its orders; strength (order,): their q."""
-    problem, between = block.problem, count_operations_of_interfaces(block)
+    problem, between = block.problem, count_operations_of_responses(block)
     if block.choice.name == "invariance":
         return float(count_operations_of_invariance(problem, strength, accuracy).sum()) + between
     if block.choice.name == "scatterings":
@@ -38,18 +41,63 @@ def count_operations_of_block(block: Block, strength: Array, accuracy: float) ->
     return each * block.orders.size + between
 
 
-def count_operations_of_interfaces(block: Block) -> float:
-    """Of all orders of a block, of what is between interfaces: responses of slabs, and integrals over the lobes of
-    facets; no responses where one surface is a boundary condition."""
+def count_operations_of_responses(block: Block) -> float:
+    """Of all orders of a block, of slabs between interfaces; none where one surface is a boundary condition."""
     problem, media = block.problem, block.problem.media
-    if media is None:
+    if media is None or is_under_one_surface(media):
         return 0.0
-    n, stokes, into, out = float(problem.size), len(problem.stokes), problem.mu0.size, problem.mu_out.size
-    slabs = 0 if is_under_one_surface(media) else problem.albedo.size
-    responses = cost.RESPONSE * slabs * n * (n + stokes * into) * (n + stokes * out)
-    rough = sum(each is not None and not each.is_smooth for each in media.scene.interfaces)
-    lobes = cost.LOBES * rough * (problem.nodes.size + into + out) * (problem.nodes.size + cost.PIECES)
-    return block.orders.size * (responses + lobes)
+    n, stokes, into = float(problem.size), len(problem.stokes), problem.mu0.size
+    out = np.unique(problem.mu_out).size
+    each = cost.RESPONSE * problem.albedo.size * n * (n + stokes * into) * (n + stokes * out)
+    return block.orders.size * each
+
+
+class Integral(NamedTuple):
+    """Integrals over facets from nodes along directions, of so many Fourier orders."""
+
+    surface: RoughSurface
+    transmitted: bool
+    nodes: int
+    directions: int
+    orders: int
+
+
+def count_operations_of_facets(one: Integral, accuracy: float) -> float:
+    """Of integrals over facets: more azimuths, and more of each, where there are more orders."""
+    points, _ = choose_points(accuracy)
+    reflected, through = cost.ORDERS
+    width = min(0.1, one.surface.roughness * abs(one.surface.ratio.real - 1.0))
+    orders = 1.0 + one.orders**2 * (width**2 / through if one.transmitted else 1.0 / reflected)
+    slower = cost.TOTALLY if one.surface.reflects_totally and not one.transmitted else 1.0
+    return cost.LOBES * points**2 * slower * orders * one.directions * (one.nodes + cost.PIECES)
+
+
+def list_integrals(block: Block) -> Iterator[Integral]:
+    """What `FacetOrders` integrates for a block, of light on nodes inside the stack, beams from above, and directions
+    seen above and below."""
+    problem, media, count = block.problem, block.problem.media, int(block.orders[-1]) + 1
+    into, up = problem.mu0.size, problem.n_up
+    if media is not None and is_under_one_surface(media):
+        count = round_orders(count)
+    if block.base.facets is not None:
+        yield Integral(block.base.facets, False, problem.nodes.size, problem.nodes.size + into + up, count)
+    if media is None:
+        return
+    rough = [k for k, each in enumerate(media.scene.interfaces) if each is not None and not each.is_smooth]
+    seen, ends = (up, problem.mu_out.size - up), (rough[0], rough[-1]) if rough else ()
+    for k in rough:
+        interface = media.scene.interfaces[k]
+        assert interface is not None
+        inside = k > 0, k < problem.layers or media.scene.base is not None
+        nodes = [media.nodes.count(index) for index in media.scene.media[k : k + 2]]
+        for side, surface in enumerate((interface.facets, interface.turned.facets)):
+            other = 1 - side
+            yield Integral(surface, True, nodes[side], nodes[other], count if all(inside) else 1)
+            if inside[side]:
+                yield Integral(surface, False, nodes[side], nodes[side] + seen[side] * (k == ends[side]), count)
+                yield Integral(surface, True, nodes[side], seen[other] * (k == ends[other]), count)
+            if k == rough[0] and (side == 0 or inside[1]):  # beams, the other way round
+                yield Integral(surface, side == 1, nodes[side], into, count if inside[1] else 1)
 
 
 def count_operations_of_flakes(problem: Problem) -> float:
@@ -87,6 +135,8 @@ def count_operations_of_plan(plan: "Plan") -> float:
     strengths = [plan.needs.strength[0, block.orders] for block in plan.blocks]
     blocks = zip(plan.blocks, strengths, strict=True)
     beside = count_operations_of_sums(plan) + count_operations_of_flakes(plan.problem)
+    lobes = dict.fromkeys(one for block in plan.blocks for one in list_integrals(block))  # integrated once for all
+    beside += sum(count_operations_of_facets(one, plan.accuracy) for one in lobes)
     return beside + sum(count_operations_of_block(*each, plan.accuracy) for each in blocks)
 
 
