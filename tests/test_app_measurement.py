@@ -87,7 +87,7 @@ def test_a_scene_that_shows_nothing_leaves_the_measurement(data: bytes, monkeypa
     ("text", "words"),
     [
         ("", "empty"),
-        ("mu_i,mu_o\n0.5,0.5\n", "column 'mu_i' is unknown"),
+        ("mu_i,mu_o\n0.5,0.5\n", "no column is known as a wavelength, an angle or a colour; there are 'mu_i', 'mu_o'"),
         ("quantity,value,theta_i_deg\ntotal_reflectance,high,8\n", "line 2: value must be a number"),
     ],
 )

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from vrte.appearance.colours import check_light
 from vrte.appearance.geometries import read_geometry
 from vrte.basics.arrays import Array, check_list, check_numbers, make_readonly, put_in_one_line, show_value
 from vrte.basics.errors import SceneError
+from vrte.fit.instruments import Interpreter, Reading
 from vrte.fit.quantities import LOOK, QUANTITIES, MeasuredQuantity
 from vrte.formats.columns import write_table
 from vrte.formats.measurement import MOST_ROWS, WORDS, read_columns
@@ -84,6 +85,7 @@ class Measurement:
     illuminant: Any = None
     observer: Any = None
     base: Any = None
+    understood: tuple[str, ...] = field(default=(), init=False)
 
     def __post_init__(self) -> None:
         columns = {name: make_column(name, getattr(self, name)) for name in COLUMNS}
@@ -163,6 +165,9 @@ class Measurement:
     def __repr__(self) -> str:
         return f"Measurement({len(self)} rows: {', '.join(self.names)})"
 
+    def __str__(self) -> str:
+        return "\n  ".join([repr(self), *self.understood])
+
     @property
     def names(self) -> tuple[str, ...]:
         """The quantities that there are, each once, in the order of the rows."""
@@ -216,7 +221,7 @@ class Measurement:
         write_table({name: column for name, column in kept.items() if not is_empty[name]}, path, comment)
 
 
-COLUMNS = tuple(field.name for field in fields(Measurement))
+COLUMNS = tuple(one.name for one in fields(Measurement) if one.init)
 COORDINATES = tuple(name for name in COLUMNS if name not in ("quantity", "value", "sigma"))
 ALLOWED = {
     "theta_i_deg": (0.0, 90.0, "degrees from the normal, from 0 to below 90, where the horizon is"),
@@ -251,26 +256,68 @@ def check_quantities(given: Sequence[str]) -> None:
 
 
 @complete_docstring
-def read_measurement(path: str | os.PathLike[str]) -> Measurement:
-    """A measurement from a file.
+def read_measurement(
+    path: str | os.PathLike[str],
+    geometry: str | None = None,
+    illuminant: str | None = None,
+    observer: int | None = None,
+    base: float | Mapping[str, float] | None = None,
+    sample: str | int | None = None,
+    quantity: str | None = None,
+    columns: Mapping[str, str | int] | None = None,
+    wavelength_unit: str | None = None,
+    value_unit: str | None = None,
+    theta_i_deg: float | None = None,
+    theta_o_deg: float | None = None,
+    phi_deg: float | None = None,
+    wavelength_um: float | None = None,
+    sigma: float | None = None,
+) -> Measurement:
+    """A measurement from a file: a table of vrte's columns, or one as an instrument wrote it.
 
     Parameters
     ----------
     path : path
-        A CSV file with a line of column names, quantity and value among them and any of sigma, theta_i_deg,
-        theta_o_deg, phi_deg, wavelength_um, geometry, illuminant, observer, and a row a number; lines that start with #
-        are comments. Or a NetCDF file with such columns, or with quantities as variables over such coordinates and
-        their standard deviations as variables that end in _sigma.
+        A text file with a line of column names, quantity and value among them and any of sigma, theta_i_deg,
+        theta_o_deg, phi_deg, wavelength_um, geometry, illuminant, observer, base, and a row a number; lines that start
+        with # are comments. Or a NetCDF file with such columns, or with quantities as variables over such coordinates
+        and their standard deviations as variables that end in _sigma. Or what instruments write: wavelengths and
+        reflectances in columns or in rows, angles and values, colours; with semicolons, tabs, commas or blanks,
+        decimal commas, a preamble, in UTF-8, UTF-16 or Latin-1; CGATS.17 and CxF3.
+    geometry : str, optional
+        The instrument's, "8:di", "45:0", "SCE", where the file does not say it.
+    illuminant : str, optional
+        Of colours, "D65", where the file does not say it.
+    observer : {{2, 10}}, optional
+        Of colours [degrees], where the file does not say it.
+    base : float or mapping, optional
+        Albedo of the base below the panel; or albedos by the names of samples, which are then one measurement, or by
+        the words of a column of bases: {{"over black": 0.0, "over white": 0.8}}.
+    sample : str or int, optional
+        Which of several samples, by its name or its number from 1.
+    quantity : str, optional
+        What the values are, a name of docs/how_to/fitting.md, or "Lab" or "XYZ", where heads do not say it.
+    columns : mapping, optional
+        Columns of other languages or names, {{"wavelength_um": "Wellenlänge", "value": "Remission"}}, by their name or
+        their number from 1: wavelength_um, theta_i_deg, theta_o_deg, phi_deg, value, sigma, sample, base or a quantity.
+    wavelength_unit : {{'nm', 'um', '1/cm'}}, optional
+        Of wavelengths, where neither head nor size says it.
+    value_unit : {{'fraction', 'percent'}}, optional
+        Of values, where neither head nor size says it.
+    theta_i_deg, theta_o_deg, phi_deg, wavelength_um : float, optional
+        Of all rows, where they have no column.
+    sigma : float, optional
+        Standard deviation of all values, in the unit of the quantity, where it has no column.
 
     Returns
     -------
     Measurement
-        All rows.
+        All rows; its ``understood`` says in sentences what was taken for what, and so does print().
 
     Raises
     ------
     SceneError
-        Naming the line or the row, from 1 without header and comments.
+        Naming the line or the row, from 1 without header and comments; what is missing, and the keyword that says it.
     {MissingExtraError, OSError}
 
     Examples
@@ -280,9 +327,40 @@ def read_measurement(path: str | os.PathLike[str]) -> Measurement:
     ...     _ = file.write("quantity,theta_i_deg,value,sigma\\ntotal_reflectance,8,0.52,0.01\\n")
     >>> vrte.read_measurement("slab.csv")
     Measurement(1 rows: total_reflectance)
+    >>> with open("white.txt", "w") as file:
+    ...     _ = file.write("Serial 4711\\nnm;White\\n400;61,5\\n500;82,0\\n")
+    >>> print(vrte.read_measurement("white.txt", geometry="8:di"))
+    Measurement(2 rows: reflectance)
+      text in UTF-8
+      rows in lines 3 to 4, columns by semicolons, decimal commas
+      the words above the table are not read as numbers
+      wavelengths 400 to 500 nm in 'nm': by the head
+      values of 'White'
+      reflectance of 'White' in per cent: by their size, up to 82
     """
-    columns = read_columns(path, COLUMNS)
+    keywords = dict(locals())
+    reading = understand_file(keywords.pop("path"), keywords)
+    if reading.asks:
+        raise SceneError(f"{os.fspath(path)}: {'; '.join(reading.asks.values())}", *[*reading.asks][:1])
     try:
-        return Measurement(**columns)
+        found = Measurement(**reading.columns)
+    except SceneError as error:
+        raise error.behind(os.fspath(path)) from error
+    object.__setattr__(found, "understood", tuple(reading.understood))
+    return found
+
+
+def understand_file(path: str | os.PathLike[str], keywords: Mapping[str, Any]) -> Reading:
+    """What a file holds, with the keywords of `read_measurement`, and what is missing. Raises as that does."""
+    given = {name: value for name, value in keywords.items() if value is not None}
+    try:
+        table = read_columns(path, COLUMNS)
+        if not isinstance(table, dict):
+            return Interpreter(table, given).interpret()
+        for name in given:
+            if name not in COORDINATES or name in table:
+                words = "is in the file" if name in table else "is of instruments' files, and this has vrte's columns"
+                raise SceneError.of(name, words)
+        return Reading(["a table of vrte's own columns"], columns=table | given)
     except SceneError as error:
         raise error.behind(os.fspath(path)) from error

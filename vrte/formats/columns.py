@@ -3,7 +3,9 @@
 import csv
 import math
 import os
+import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -18,6 +20,51 @@ from vrte.optics.size_distribution import Tabulated
 UNITS = {"wavelength_um": 1.0, "wavelength_nm": 1e3, "radius_um": 1.0, "diameter_um": 2.0}  # to a wavelength or radius
 COEFFICIENTS = ["l", "a1", "a2", "a3", "a4", "b1", "b2"]
 LONGEST_LINE = 50_000_000  # bytes
+SEPARATORS = (";", "\t", ",", " ")
+NO_TEXT = {
+    b"PK": "a workbook or a zip archive",
+    b"\xd0\xcf\x11\xe0": "a workbook of old",
+    b"%PDF": "a PDF",
+}  # by first bytes
+CONTROLS = re.compile("[\x00-\x08\x0e-\x19\x1b-\x1f]")
+
+
+def read_any_text(path: PathName, most_bytes: int) -> tuple[str, str]:
+    """The text of a table's file and its encoding: UTF-8, UTF-16, or Windows' of western Europe. Raises SceneError for
+    a file that is no text, or too long, or not as vrte wrote it; OSError."""
+    with open(check_file(path), "rb") as file:
+        content = file.read(most_bytes + 1)
+    if len(content) > most_bytes:
+        raise SceneError(f"the file is longer than {most_bytes} bytes")
+    for start, words in NO_TEXT.items():
+        if content.startswith(start):
+            raise SceneError(f"it is {words}, and no text: save its table as CSV")
+    first, end, rest = content.partition(b"\n")
+    check_text(first + end, [rest])
+    zeros = content[:2000:2].count(0), content[1:2000:2].count(0)  # every other byte of UTF-16 without a mark
+    marks = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
+    guess = "utf-16-be" if zeros[0] > zeros[1] else "utf-16-le" if zeros[1] else "utf-8-sig"
+    encodings = [marks.get(content[:2], guess), "cp1252", "latin-1"]
+    for encoding in encodings[: 1 if encodings[0].startswith("utf-16") else None]:
+        try:
+            text = content.decode(encoding).removeprefix("\ufeff")
+        except UnicodeDecodeError:
+            continue
+        if not CONTROLS.search(text):
+            return text, encoding
+    raise SceneError("it is no text: it holds bytes that no text has")
+
+
+def list_lines(text: str) -> list[tuple[int, str]]:
+    """The lines of a text that are not empty, whatever ends them, with their numbers from 1."""
+    return [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
+
+
+def split_cells(line: str, separator: str) -> list[str]:
+    """The cells of a line, quotes taken off. Raises csv.Error."""
+    line = " ".join(line.split()) if separator == " " else line
+    (cells,) = csv.reader([line], delimiter=separator, skipinitialspace=separator != "\t")
+    return [cell.strip() for cell in cells]
 
 
 class Lines:
@@ -62,31 +109,40 @@ class Lines:
         return found
 
 
+@dataclass
 class Columns:
-    """A table of text: the ``names`` of its columns, its ``rows`` of cells, and the ``lines`` that they stand in.
-
-    The first line that is no comment (#) names the columns. Commas separate the cells, or semicolons, beside which
-    numbers may have decimal commas. Raises SceneError naming the line, OSError.
+    """A table of text: the ``names`` of its columns, its ``rows`` of cells, and the ``lines`` that they stand in;
+    ``separator`` of cells, " " for white space; ``above``: the lines before the table that are none of it.
     """
 
-    def __init__(self, path: PathName, most_bytes: int, most_rows: int) -> None:
-        with open(check_file(path), "rb") as file:
-            if os.fstat(file.fileno()).st_size > most_bytes:
-                raise SceneError(f"the file is longer than {most_bytes} bytes")
-            text = "\n".join(Lines(file)).splitlines()  # whatever ends its lines
-        kept = [(number, line) for number, line in enumerate(text, 1) if line.strip() and line.lstrip()[0] != "#"]
+    names: list[str]
+    rows: list[list[str]]
+    lines: list[int]
+    separator: str = ","
+    above: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)  # how the file is written
+    are_fractions: bool = False  # whether the format says that reflectances are
+
+    @classmethod
+    def read(cls, path: PathName, most_bytes: int, most_rows: int) -> "Columns":
+        """The table of a file. Raises SceneError naming the line, OSError."""
+        return cls.parse(read_any_text(path, most_bytes)[0], most_rows)
+
+    @classmethod
+    def parse(cls, text: str, most_rows: int) -> "Columns":
+        """The table of a text, whose first line that is no comment (#) names the columns. Semicolons, tabs, commas or
+        white space separate cells; but for commas, numbers may have decimal commas. Raises SceneError."""
+        kept = [(number, line) for number, line in list_lines(text) if line.lstrip()[0] != "#"]
         if len(kept) > most_rows + 1:
             raise SceneError(f"the table must have at most {most_rows} rows, not {len(kept) - 1}")
-        self.separator = ";" if kept and ";" in kept[0][1] else ","
-        self.lines = [number for number, _ in kept[1:]]
-        self.rows: list[list[str]] = []
+        separator = next((one for one in SEPARATORS if kept and one in kept[0][1].strip()), ",")
+        rows: list[list[str]] = []
         for number, line in kept:
             try:
-                (cells,) = csv.reader([line], delimiter=self.separator, skipinitialspace=True)
+                rows.append(split_cells(line, separator))
             except csv.Error as error:
                 raise SceneError(f"line {number}: no row of a table ({error})") from error
-            self.rows.append([cell.strip() for cell in cells])
-        self.names = self.rows.pop(0) if kept else []
+        return cls(rows.pop(0) if kept else [], rows, [number for number, _ in kept[1:]], separator)
 
     def check(self, headers: Sequence[list[str]] = (), words: str = "", fewest: int = 1) -> None:
         """Raises SceneError unless the header is allowed, names differ, rows are enough and have all columns."""
@@ -127,7 +183,7 @@ class Columns:
         found = np.empty(len(self.rows))
         for row, text in enumerate(self.words(name)):
             try:
-                number = text.replace(",", ".") if self.separator == ";" else text
+                number = text.replace(",", ".") if self.separator != "," else text
                 found[row] = math.nan if may_be_empty and not text else float(number)
             except ValueError:
                 raise self.fault(row, f"{name} must be a number, not {put_in_one_line(repr(text), 40)}") from None
@@ -171,7 +227,7 @@ def read_index(path: str | os.PathLike[str]) -> IndexTable:
     >>> vrte.read_index("pigment.csv").at(0.4)
     (2+0.25j)
     """
-    columns = Columns(path, 10_000_000, 100_000)
+    columns = Columns.read(path, 10_000_000, 100_000)
     headers = [[first, *rest] for first in ("wavelength_um", "wavelength_nm") for rest in (["n"], ["n", "k"])]
     columns.check(headers, "wavelength_um,n,k (or wavelength_nm in front; without k nothing is absorbed)")
     first = columns.names[0]
@@ -212,7 +268,7 @@ def read_sizes(path: str | os.PathLike[str]) -> Tabulated:
     >>> vrte.read_sizes("sizes.csv")
     Tabulated(3 radii from 0.1 to 0.3 um)
     """
-    columns = Columns(path, 1_000_000, 10_000)
+    columns = Columns.read(path, 1_000_000, 10_000)
     headers = [["radius_um", "density"], ["diameter_um", "density"]]
     columns.check(headers, "radius_um,density or diameter_um,density", fewest=2)
     first = columns.names[0]
@@ -223,7 +279,7 @@ def read_sizes(path: str | os.PathLike[str]) -> Tabulated:
 def read_coefficients(path: PathName, tolerance: float = 0.0) -> PhaseMatrix:
     """The phase matrix in a CSV file with the header l,a1,a2,a3,a4,b1,b2 and one row a degree, l = 0 first, in the
     signs of docs/reference/conventions.md; ``tolerance`` is that of a PhaseMatrix. Raises SceneError, OSError."""
-    columns = Columns(path, 100_000_000, MOST_TERMS)
+    columns = Columns.read(path, 100_000_000, MOST_TERMS)
     columns.check([COEFFICIENTS], ",".join(COEFFICIENTS))
     for row, degree in enumerate(columns.numbers("l")):
         if degree != row:

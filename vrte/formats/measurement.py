@@ -11,7 +11,8 @@ import numpy as np
 
 from vrte.basics.errors import SceneError, import_extra
 from vrte.formats.atomic import PathName, check_file_name
-from vrte.formats.columns import Columns
+from vrte.formats.columns import Columns, read_any_text
+from vrte.formats.instrument_files import find_table
 from vrte.formats.netcdf import Stored, read_netcdf
 
 LARGEST_FILE = 100_000_000  # bytes
@@ -20,36 +21,37 @@ WORDS = ("quantity", "geometry", "illuminant")  # columns of words, the others h
 SIGMA = "_sigma"  # behind the name of a quantity in NetCDF: its standard deviations
 
 
-def read_columns(path: PathName, names: Sequence[str]) -> dict[str, list[Any]]:
+def read_columns(path: PathName, names: Sequence[str]) -> dict[str, list[Any]] | Columns:
     """The columns of a measurement's file, of those that ``names`` lists: numbers or words, NaN or "" where a cell is
-    empty. Raises SceneError, which names the line, MissingExtraError, OSError.
+    empty; the table as it is where the columns have other names. Raises SceneError, which names the line,
+    MissingExtraError, OSError.
 
     >>> with open("panel.csv", "w") as file:
     ...     _ = file.write("quantity,theta_i_deg,value\\ntotal_reflectance,8,0.5\\n")
     >>> read_columns("panel.csv", ("quantity", "theta_i_deg", "value"))
     {'quantity': ['total_reflectance'], 'theta_i_deg': [8.0], 'value': [0.5]}
     """
-    suffix = Path(check_file_name(path)).suffix.lower()
-    if suffix not in (".csv", ".nc"):
-        raise SceneError(f"the measurement {path} must end in .csv or .nc")
+    if Path(check_file_name(path)).suffix.lower() == ".nc":
+        found = read_netcdf(path, None, LARGEST_FILE)
+        if "quantity" not in found.arrays:
+            return spread_quantities(found, names)
+        check_names([*found.arrays], names)
+        return {name: np.ravel(values).tolist() for name, values in found.arrays.items()}
+    text, encoding = read_any_text(path, LARGEST_FILE)
     try:
-        if suffix == ".nc":
-            found = read_netcdf(path, None, LARGEST_FILE)
-            if "quantity" not in found.arrays:
-                return spread_quantities(found, names)
-            check_names([*found.arrays], names)
-            return {name: np.ravel(values).tolist() for name, values in found.arrays.items()}
-        columns = Columns(path, LARGEST_FILE, MOST_ROWS)
-        if not columns.rows:
-            raise SceneError("the table is empty: it needs a line with the names of columns, a row a number measured")
-        check_names(columns.names, names)
-        columns.check()
-        return {
-            name: columns.words(name) if name in WORDS else columns.numbers(name, may_be_empty=True).tolist()
-            for name in columns.names
-        }
-    except SceneError as error:
-        raise error.behind(path) from error
+        columns = Columns.parse(text, MOST_ROWS)
+    except SceneError:  # of a line before the table of an instrument
+        return find_table(text, encoding)
+    if not {"quantity", "value"} & {*columns.names}:
+        return find_table(text, encoding)
+    if not columns.rows:
+        raise SceneError("the table is empty: it needs a line with the names of columns, a row a number measured")
+    check_names(columns.names, names)
+    columns.check()
+    return {
+        name: columns.words(name) if name in WORDS else columns.numbers(name, may_be_empty=True).tolist()
+        for name in columns.names
+    }
 
 
 def check_names(given: Sequence[str], names: Sequence[str]) -> None:

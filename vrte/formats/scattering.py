@@ -229,7 +229,7 @@ def read_angle_table(path: str | os.PathLike[str], convention: str = "vrte") -> 
     [0.0, 90.0, 180.0]
     """
     about = find_convention(convention)
-    columns = Columns(path, LARGEST_FILE, MOST_ANGLES)
+    columns = Columns.read(path, LARGEST_FILE, MOST_ANGLES)
     indices = find_columns(columns.names, about, convention)
     columns.check()
     if COSINE in columns.names:
