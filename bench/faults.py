@@ -65,6 +65,10 @@ CORE = list_faults(
      "sign of U and V of light scattered once at azimuths beyond 180 degrees", "discrete_ordinates sums"),
     ("under-invariance", "core/invariance.pxi", "share(&one, one.below, r, g, n, down, n)", "set_zero(nr, down)",
      "what a surface sends back down again is lost along the directions that are seen", "interfaces"),
+    ("photon-turn", "core/photons.h", "m[2][j] = c2 * u - s2 * q;", "m[2][j] = s2 * q - c2 * u;",
+     "sign of U where a photon's axis turns", "photons"),
+    ("photon-hidden", "core/photons.h", "kept = fmin(kept, seen) / seen;", "kept = 1.0;",
+     "photons pass facets that hide them", "photons"),
 )  # fmt: skip
 
 DEVICE = list_faults(

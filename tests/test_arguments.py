@@ -102,6 +102,7 @@ def make_objects() -> dict[str, Any]:
         "dense": vrte.brdf(vrte.Scene(LAYER), dense, dense, np.linspace(0.0, 180.0, 7), nodes=2, threads=1),
         "field": vrte.radiance(SCENE, [0.5, 0.6], mu=[0.5], nodes=2, threads=1),
         "views": vrte.views(SCENE, 0.5, 0.5, nodes=2, threads=1),
+        "photons": vrte.photons(SCENE, 0.5, [0.0, 1.0], [0.0, 180.0], photons=128, threads=1),
         "linearized": found,
         "gradient": found.vjp(np.ones((1, 1, 1, 4, 4))),
         "measurement": rows,
@@ -128,8 +129,8 @@ def list_calls(made: dict[str, Any]) -> list[Case]:
     indices = vrte.IndexTable((0.4, 0.7), (2.0, 1.5), (0.1, 0.0))
     base, look, family = vrte.TabulatedBase(**made["table"]), made["look"], made["family"]
     quantities, over = vrte.quantities, vrte.over_hemisphere
-    records = [made[name] for name in ("brdf", "field", "views", "linearized", "gradient", "particles", "look", "fit",
-                                       "spectrum", "paint", "family")]  # fmt: skip
+    records = [made[name] for name in ("brdf", "field", "views", "photons", "linearized", "gradient", "particles",
+                                       "look", "fit", "spectrum", "paint", "family")]  # fmt: skip
     records += [
         *(vrte.RPV(0.1, 0.8), vrte.Hapke(0.5), vrte.RossLi(0.1, 0.02, 0.02), vrte.Mirror(1.5), vrte.MuellerBase(even)),
         *(vrte.Gamma(0.2, 0.1), vrte.Lognormal(0.2, 1.4), vrte.Monodisperse(0.5), vrte.Tabulated([0.1, 0.3], [1, 1])),
@@ -228,6 +229,7 @@ def list_calls(made: dict[str, Any]) -> list[Case]:
         (vrte.to_mitsuba, {"scene": ASKED, "wavelengths_um": [0.4, 0.45, 0.5, 0.55, 0.6], "path": "x.pbsdf",
                            "step_deg": 15.0, "nodes": 2}),
         (vrte.views, {"scene": SCENE, "mu0": 0.5, "mu": 0.5, "nodes": 2}),
+        (vrte.photons, {"scene": SCENE, "mu_i": 0.5, "photons": 128, "threads": 1}),
         (quantities.of_brdf, {"brdf": made["brdf"], "name": "f00"}),
         (quantities.of_light, {"light": np.array(light), "name": "I"}),
         (quantities.of_stokes, {"stokes": light, "name": "I"}),

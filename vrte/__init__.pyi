@@ -20,6 +20,7 @@ from vrte.calls.brdfs import brdfs as brdfs
 from vrte.calls.linearize import Linearized as Linearized
 from vrte.calls.linearize import linearize as linearize
 from vrte.calls.mitsuba import to_mitsuba as to_mitsuba
+from vrte.calls.photons import photons as photons
 from vrte.calls.plan import plan as plan
 from vrte.calls.radiance import radiance as radiance
 from vrte.calls.radiance import views as views
@@ -69,6 +70,7 @@ from vrte.results.brdf import Brdf as Brdf
 from vrte.results.brdf import Spectrum as Spectrum
 from vrte.results.field import Field as Field
 from vrte.results.field import Views as Views
+from vrte.results.photons import Photons as Photons
 from vrte.scene.boundary import Lambertian as Lambertian
 from vrte.scene.boundary import MuellerBase as MuellerBase
 from vrte.scene.facets import Facets as Facets

@@ -65,5 +65,8 @@ include "core/moment_gmres.pxi"
 include "core/sums.pxi"
 include "core/single_scattering.pxi"
 
+# Beside all that: photons, one by one.
+include "core/photons.pxi"
+
 # Every stage, by its declaration in core/stages.toml.
 include "stages.pxi"

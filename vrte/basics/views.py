@@ -22,6 +22,7 @@ VIEWS: dict[tuple[str, str], str] = {  # of class and verb: what is called with 
     ("Particles", "_repr_html_"): "vrte.pictures.notebook:show_particles",
     ("PhaseMatrix", "_repr_html_"): "vrte.pictures.notebook:show_phase_matrix",
     ("PhaseMatrix", "plot"): "vrte.pictures.results:draw_phase_matrix",
+    ("Photons", "to_xarray"): "vrte.formats.contents:convert_photons",
     ("Plan", "_repr_html_"): "vrte.pictures.notebook:show_plan",
     ("Plan", "plot"): "vrte.pictures.results:draw_plan",
     ("Result", "save"): "vrte.formats:save",

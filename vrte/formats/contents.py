@@ -16,6 +16,7 @@ from vrte.basics.arrays import put_in_one_line
 from vrte.basics.errors import SceneError, import_extra
 from vrte.results.brdf import BRDF_DERIVATIVES, SCENE, Brdf, Spectrum
 from vrte.results.field import FIELD_DERIVATIVES, Field, Views
+from vrte.results.photons import Photons
 from vrte.results.quantities import MUELLER, STOKES
 
 if TYPE_CHECKING:
@@ -251,4 +252,19 @@ def convert_views(views: Views) -> "xarray.Dataset":
     coords |= {STOKES_AXIS: list(STOKES), "tau": ((), views.tau, about["tau"])}
     coords |= {} if views.index is None else {"index": ((), views.index, about["index"])}
     data = {"stokes": (("geometry", STOKES_AXIS), views.stokes, about["stokes"])}
+    return import_extra("xarray", LABELLED, "files").Dataset(data, coords).copy(deep=True)
+
+
+def convert_photons(photons: Photons) -> "xarray.Dataset":
+    """A labelled copy of fluxes (mu_i, tau, mu, phi_deg, stokes_out, stokes_in), bins by their middles."""
+    middles = {"mu": photons.mu_edges, "phi_deg": photons.phi_edges}
+    coords: dict[str, Any] = {"mu_i": photons.mu_i, "tau": photons.tau, "stokes_out": list(STOKES)}
+    coords |= {"stokes_in": list(STOKES)} | {name: 0.5 * (edges[1:] + edges[:-1]) for name, edges in middles.items()}
+    beam, matrix = ("mu_i", "tau"), ("stokes_out", "stokes_in")
+    data: dict[str, Any] = {"absorbed": (("mu_i", "layer"), photons.absorbed)}
+    data |= {name: ("mu_i", getattr(photons, name)) for name in ("lost", "balance")}
+    for name in ("up", "down"):
+        for part, dims in ((name, (*beam, *middles, *matrix)), (f"beam_{name}", (*beam, *matrix))):
+            data |= {each: (dims, getattr(photons, each)) for each in (part, f"{part}_error")}
+    data = {name: (*given, {"units": "1"}) for name, given in data.items()}
     return import_extra("xarray", LABELLED, "files").Dataset(data, coords).copy(deep=True)

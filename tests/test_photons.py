@@ -1,0 +1,252 @@
+"""vrte.photons: energy, bits, and every kind of scene against the solver, with which they share the scene alone."""
+
+import math
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vrte
+from bench.cases import find_phase_matrix
+from vrte.basics.arrays import Array
+from vrte.monte_carlo import trace
+
+from .helpers import assert_close
+from .random_scenes import cosines, scene, surfaced
+
+RAYLEIGH = vrte.rayleigh()
+MU_EDGES, PHI_EDGES = np.linspace(0.0, 1.0, 5), np.linspace(0.0, 180.0, 5)
+MOST = 4.0  # standard errors that a mean may be off by
+NOISE = 3e-3  # of the largest bin, in the slow test
+
+
+def spread(edges: Array, points: int) -> tuple[Array, Array]:
+    """Gauss points in every bin, and their weights, (bin, point) both."""
+    x, weights = np.polynomial.legendre.leggauss(points)
+    size = np.diff(edges)[:, None]
+    return edges[:-1, None] + 0.5 * size * (x + 1.0), 0.5 * size * weights
+
+
+def solve_bins(found: vrte.Photons, layers: vrte.Scene, points: int = 8, **options: Any) -> tuple[Array, Array | None]:
+    """The solver's fluxes in the bins of photons, reflected and transmitted (n_in, n_mu, n_phi, 4, 4)."""
+    mu, weight = spread(found.mu_edges, points)
+    phi, share = spread(found.phi_edges, points)
+    open_below = layers.base is None and math.isfinite(layers.thickness)
+    brdf = vrte.brdf(layers, found.mu_i, mu.ravel(), phi.ravel(), transmission=open_below, **options)
+    shape = found.mu_i.size, *mu.shape, *phi.shape, 4, 4
+    area = 2.0 * (weight * mu)[:, :, None, None] * np.radians(share)
+    both = [None if f is None else np.einsum("impfqst,mpfq->imfst", f.reshape(shape), area)
+            for f in (brdf.mueller, brdf.transmission)]  # fmt: skip
+    assert both[0] is not None
+    return both[0], both[1]
+
+
+def deviations(mean: Array, error: Array, right: Array) -> Array:
+    """How many standard errors each mean is off; one that is 0 whatever the photon is right to 1e-9 of the largest."""
+    assert np.abs(right[error == 0.0]).max(initial=0.0) < 1e-9 * np.abs(right).max()
+    return np.abs((mean - right)[error > 0.0] / error[error > 0.0])
+
+
+def check(
+    layers: vrte.Scene, photons: int, mu_i: Any = 0.6, seed: int = 1, most: float = MOST, **options: Any
+) -> float:
+    """Photons of a scene against the solver; the noise, over the largest bin."""
+    found = vrte.photons(layers, mu_i, MU_EDGES, PHI_EDGES, photons=photons, seed=seed)
+    reflected, transmitted = solve_bins(found, layers, **options)
+    parts = [(found.up[:, 0], found.up_error[:, 0], reflected)]
+    if transmitted is not None:
+        parts.append((found.down[:, -1], found.down_error[:, -1], transmitted))
+    off = np.concatenate([deviations(*part) for part in parts])
+    assert off.max() < most
+    assert 0.8 < np.sqrt(np.mean(off**2)) < 1.2  # and as often as chance has it
+    assert not any(found.diagnostics["given_up"])
+    noise = [error[..., 0, 0].max() / right[..., 0, 0].max() for _, error, right in parts]
+    return float(max(noise))
+
+
+GOLD = find_phase_matrix("red gold powder")
+SPHEROIDS = find_phase_matrix("spheroids")
+GLASS, GGX = vrte.Interface(1.0, 1.5), vrte.Interface(1.0, 1.5, roughness=0.5, distribution="ggx")
+SCENES: dict[str, Callable[[], vrte.Scene]] = {
+    "circular": lambda: vrte.Scene([vrte.Layer(SPHEROIDS, 0.99, 2.0)]),
+    "two layers": lambda: vrte.Scene([vrte.Layer(GOLD, 0.8, 1.0), vrte.Layer(RAYLEIGH, 0.9, 0.5)]),
+    "thin": lambda: vrte.Scene([vrte.Layer(RAYLEIGH, 0.5, 1e-4)]),
+    "dark": lambda: vrte.Scene([vrte.Layer(GOLD, 1e-3, 1.0)]),
+    "semi-infinite": lambda: vrte.Scene([vrte.Layer(RAYLEIGH, 1.0, math.inf)]),
+    "white": lambda: vrte.Scene([vrte.Layer(RAYLEIGH, 1.0, 0.5)], vrte.Lambertian(0.5)),
+    "smooth": lambda: vrte.Scene([GLASS, vrte.Layer(GOLD, 0.9, 1.0), vrte.Interface(1.5, 1.2)]),
+    "rough": lambda: vrte.Scene([vrte.Interface(1.0, 1.5, roughness=0.3), vrte.Layer(RAYLEIGH, 0.9, 1.0)],
+                                vrte.Lambertian(0.5)),
+    "rough, GGX": lambda: vrte.Scene([GGX, vrte.Layer(RAYLEIGH, 0.9, 1.0), vrte.Interface(1.5, 1.0)]),
+    "not conserving": lambda: vrte.Scene([vrte.Interface(1.0, 1.5, 0.5, conserving=False),
+                                          vrte.Layer(RAYLEIGH, 0.9, 1.0)]),
+    "without shadowing": lambda: vrte.Scene([vrte.Interface(1.0, 1.4, 0.2, "ggx", shadowing=False),
+                                             vrte.Layer(RAYLEIGH, 0.9, 1.0)]),
+    "brushed metal": lambda: vrte.Scene([vrte.Layer(RAYLEIGH, 0.9, 0.3)], vrte.Facets((0.2, 3.0), 0.4)),
+    "sea": lambda: vrte.Scene([vrte.Layer(RAYLEIGH, 0.9, 0.3)], vrte.cox_munk(10.0)),
+    "mirror": lambda: vrte.Scene([vrte.Layer(RAYLEIGH, 0.9, 0.3)], vrte.Mirror((0.2, 3.0))),
+    "soil": lambda: vrte.Scene([vrte.Layer(RAYLEIGH, 0.9, 0.3)], vrte.RPV(0.2, 0.8, -0.1)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_photons_find_what_the_solver_finds(name: str) -> None:
+    check(
+        SCENES[name](), 60_000, most=4.5, points=5, nodes=16
+    )  # some 300 elements each: beyond 4.5 in one of 450 scenes
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(30))
+def test_photons_of_scenes_drawn_by_chance(seed: int) -> None:
+    """Layers alone, under surfaces, and over a base of each kind; the noise below 0.3 % of the largest bin."""
+    chance = np.random.default_rng(seed)
+    found = (scene, surfaced)[seed % 2](chance)
+    if seed % 3 == 0 and found.base is None and math.isfinite(found.thickness):
+        index = found.index_below
+        bases = vrte.Facets((0.2, 3.0), 0.3), vrte.Mirror(1.5 * index), vrte.RPV(0.2, 0.8, -0.1), vrte.Lambertian(0.7)
+        found = vrte.Scene(found.layers, bases[seed // 3 % 4], found.interfaces)
+    mu_i = max(0.15, float(cosines(chance, 1)[0]))
+    assert check(found, 6_000_000, mu_i, seed=seed, accuracy=1e-5) < NOISE
+
+
+def test_energy_is_conserved_photon_by_photon() -> None:
+    """What absorbs nothing and hides nothing gives all photons back, whatever their number."""
+    paint = vrte.Scene([vrte.Interface(1.0, 1.5, roughness=0.4), vrte.Layer(GOLD, 1.0, 1.0)], vrte.Lambertian(1.0))
+    found = vrte.photons(paint, [0.3, 1.0], photons=2000)
+    assert_close(found.up[:, 0, ..., 0, 0].sum(axis=(1, 2)), 1.0, rtol=1e-12, atol=0.0)
+    assert_close(found.balance, 1.0, rtol=1e-12, atol=0.0)
+    assert not found.absorbed.any()
+    grey = vrte.photons(vrte.Scene([vrte.Layer(GOLD, 0.8, 1.0)], vrte.Lambertian(0.5)), 0.5, photons=2000)
+    assert_close(grey.balance, 1.0, rtol=1e-12, atol=0.0)
+    assert grey.absorbed[0, 0] > 0.1
+    assert grey.lost[0] > 0.05
+
+
+def test_rayleigh_once_in_closed_form() -> None:
+    """A thin layer: F/(4 pi) over both cosines, its frames turned by spherical trigonometry."""
+    tau, mu_i = 1e-6, 0.6
+    thin = vrte.Scene([vrte.Layer(vrte.rayleigh(0.0), 1.0, tau)])
+    found = vrte.photons(thin, mu_i, MU_EDGES, PHI_EDGES, photons=400_000)
+    mu, weight = spread(MU_EDGES, 8)
+    phi, share = spread(PHI_EDGES, 8)
+    x, y = np.broadcast_arrays(mu[:, :, None, None], np.radians(phi))
+    sine_i, sine = math.sqrt(1.0 - mu_i**2), np.sqrt(1.0 - x**2)
+    cosine = -mu_i * x + sine_i * sine * np.cos(y)
+    along = 0.75 * (1.0 + cosine**2) / (4.0 * np.pi) * tau / mu_i  # flux out over flux in, per steradian
+    # a dipole's field: theta-hat of what comes in along those of what goes out
+    parallel = mu_i * -x * np.cos(y) + sine_i * sine, -x * np.sin(y)
+    across = -mu_i * np.sin(y) * -1.0, np.cos(y)
+    q = 0.375 * (parallel[0] ** 2 + parallel[1] ** 2 - across[0] ** 2 - across[1] ** 2) / (4.0 * np.pi) * tau / mu_i
+    area = 2.0 * weight[:, :, None, None] * np.radians(share)
+    right = [(each * area).sum(axis=(1, 3)) for each in (along, 2.0 * q)]
+    for row in (0, 1):
+        off = (found.up[0, 0, :, :, row, 0] - right[row]) / found.up_error[0, 0, :, :, row, 0]
+        assert np.abs(off).max() < MOST
+
+
+def test_fields_at_depths() -> None:
+    layers = vrte.Scene([GLASS, vrte.Layer(RAYLEIGH, 0.9, 0.5), vrte.Layer(GOLD, 0.8, 0.5)], vrte.Lambertian(0.3))
+    tau = [0.0, 0.2, 0.5, 1.0]
+    for side in ("above", "below"):
+        found = vrte.photons(layers, 0.6, [0.0, 1.0], [0.0, 180.0], tau, photons=100_000, side=side)
+        field = vrte.radiance(layers, 0.6, mu=[], tau=tau, nodes=16, side=side)
+        for fluxes, mean, error in ((field.flux_up, found.up, found.up_error),
+                                    (field.flux_down, found.down, found.down_error),
+                                    (field.direct, found.beam_down, found.beam_down_error),
+                                    (field.direct_up, found.beam_up, found.beam_up_error)):  # fmt: skip
+            every = tuple(range(2, mean.ndim - 2))
+            mean, error = mean.sum(axis=every)[0, :, 0, 0], error.sum(axis=every)[0, :, 0, 0]
+            assert np.abs(mean - fluxes / 0.6 <= MOST * error + 1e-12).all(), side
+
+
+def test_light_from_below() -> None:
+    layers = vrte.Scene([GLASS, vrte.Layer(SPHEROIDS, 0.9, 0.5), vrte.Layer(GOLD, 0.8, 0.5)])
+    found = vrte.photons(layers, 0.6, MU_EDGES, PHI_EDGES, photons=60_000, illuminate="bottom")
+    reflected, transmitted = solve_bins(found, layers, points=5, nodes=16, illuminate="bottom")
+    assert transmitted is not None
+    off = [deviations(found.down[:, -1], found.down_error[:, -1], reflected)]
+    off.append(deviations(found.up[:, 0], found.up_error[:, 0], transmitted))
+    assert np.concatenate(off).max() < 4.5
+    assert found.absorbed[0, 1] > found.absorbed[0, 0]
+
+
+def test_the_same_bits_on_any_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    layers = vrte.Scene([GLASS, vrte.Layer(GOLD, 0.9, 1.0)], vrte.RPV(0.2, 0.8, -0.1))
+
+    def found(seed: int = 5, threads: int = 1) -> vrte.Photons:
+        return vrte.photons(layers, [0.4, 0.9], photons=5000, seed=seed, threads=threads)
+
+    first = found()
+    monkeypatch.setattr(trace, "AT_ONCE", 7)
+    for other in (found(threads=2), found(threads=3)):
+        assert first.up.tobytes() == other.up.tobytes()
+        assert first.up_error.tobytes() == other.up_error.tobytes()
+        assert first.lost.tobytes() == other.lost.tobytes()
+    assert first.up.tobytes() != found(seed=6).up.tobytes()
+    assert not first.up.flags.writeable
+
+
+def test_a_base_in_python_is_that_of_the_core() -> None:
+    """Parity of both ways that photons are reflected."""
+
+    def even(mu_i: Any, mu_o: Any, phi: Any) -> Array:
+        shape = np.broadcast_shapes(np.shape(mu_i), np.shape(mu_o), np.shape(phi))
+        return np.broadcast_to(np.diag([0.4 / np.pi, 0.0, 0.0, 0.0]), (*shape, 4, 4))
+
+    layer = vrte.Layer(RAYLEIGH, 1.0, 0.3)
+    one, other = (vrte.photons(vrte.Scene([layer], base), 0.7, MU_EDGES, PHI_EDGES, photons=100_000)
+                  for base in (vrte.Lambertian(0.4), vrte.MuellerBase(even)))  # fmt: skip
+    both = np.hypot(one.up_error, other.up_error)
+    assert np.abs((one.up - other.up)[both > 0.0] / both[both > 0.0]).max() < 4.5
+    assert_close(other.balance, 1.0, rtol=0.0, atol=0.01)
+
+
+def test_progress_and_an_interrupt() -> None:
+    seen: list[tuple[int, int]] = []
+    layers = vrte.Scene([vrte.Layer(RAYLEIGH, 1.0, 50.0)])
+    vrte.photons(layers, [0.5, 1.0], photons=1000, progress=lambda done, total: seen.append((done, total)))
+    assert seen[-1] == (256, 256)
+    assert seen == sorted(seen)
+
+    def stop(done: int, total: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        vrte.photons(layers, 0.5, photons=1000, progress=stop)
+    assert threading.active_count() < 50
+
+
+def test_photons_that_go_on_for_ever_are_given_up_and_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(trace, "MOST_EVENTS", 3.0)
+    found = vrte.photons(vrte.Scene([vrte.Layer(RAYLEIGH, 1.0, 50.0)]), 0.5, photons=1000)
+    assert 0.1 < found.diagnostics["given_up"][0] < 1.0
+    assert_close(found.balance, 1.0, rtol=1e-12, atol=0.0)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"mu_i": 0.0}, "mu_i"),
+        ({"photons": 0}, "photons must be a whole number from 1"),
+        ({"seed": -1}, "seed must be a whole number from 0"),
+        ({"mu_edges": [0.0, 1.1]}, "mu_edges must be 2 to 1001 ascending numbers from 0 to 1"),
+        ({"mu_edges": [0.5, 0.5]}, "mu_edges must be 2 to 1001 ascending numbers from 0 to 1"),
+        ({"phi_edges": [0.0, 360.0]}, "phi_edges must be 2 to 1001 ascending numbers from 0 to 180"),
+        ({"tau": 2.0}, "tau must lie between 0 and the total"),
+        ({"illuminate": "side"}, "illuminate must be 'top', 'bottom', not 'side'"),
+        ({"side": "left"}, "side must be 'above', 'below', not 'left'"),
+        ({"illuminate": "bottom", "scene": vrte.Scene([vrte.Layer(RAYLEIGH, 1.0, 1.0)], vrte.Lambertian(0.5))},
+         "illuminate='bottom' needs a scene without a base"),
+        ({"mu_edges": np.linspace(0, 1, 1001), "phi_edges": np.linspace(0, 180, 1001)},
+         "mu_edges and phi_edges must be fewer"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_refused_in_a_sentence(given: dict[str, Any], words: str) -> None:
+    usual = {"scene": vrte.Scene([vrte.Layer(RAYLEIGH, 1.0, 1.0)]), "mu_i": 0.5, "photons": 100}
+    with pytest.raises(vrte.SceneError) as error:
+        vrte.photons(**{**usual, **given})
+    assert words in str(error.value)
+    assert "\n" not in str(error.value)
