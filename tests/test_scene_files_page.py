@@ -11,6 +11,7 @@ from vrte.fit.problem import JACOBIANS, LOSSES, SPACINGS
 from vrte.fit.problem import KEYS as FREE_KEYS
 from vrte.formats import materials
 from vrte.formats.bases import BASES, INTERFACE
+from vrte.formats.flakes import FLAKES, TILTS
 from vrte.formats.keys import Choice, FilePath, Key, list_names
 from vrte.formats.layers import INTERFACE_KEYS, LAYER_KEYS, PHASES
 from vrte.formats.particle_sources import SIZE_KEYS, SIZES, SOURCES
@@ -54,6 +55,8 @@ KNOWN: dict[str, tuple[str, ...]] = {
     "size": tuple(SIZES),
     "[[layer]]": LAYER_KEYS,
     "phase": (),
+    "layer.flakes": tuple(FLAKES),
+    "flakes.tilts": tuple(TILTS),
     "layer.interface": INTERFACE_KEYS,
     "[base]": ("kind",),
     "[brdf]": REQUEST_KEYS["brdf"],

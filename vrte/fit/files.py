@@ -50,7 +50,10 @@ def find_fingerprint(problem: FitProblem, record: Mapping[str, Any]) -> str:
     described, source, scene = describe_problem(problem), problem.model.source, problem.model.source.source
     known: list[Any] = []
     if isinstance(scene, Scene):
-        layers = [(x.thickness, x.albedo, x.host_index, x.phase_matrix.coefficients.tolist()) for x in scene.layers]
+        layers = [
+            (x.thickness, x.albedo, x.host_index, x.phase_matrix.coefficients.tolist(), x.flake_area, repr(x.flakes))
+            for x in scene.layers
+        ]
         known = [repr(scene.base), repr(scene.interfaces), layers]
     else:
         tables = sorted({*find_named_tables(described["content"]).values()})

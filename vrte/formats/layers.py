@@ -3,7 +3,7 @@ their phase functions by name: a new one is a function and a row in `PHASES`."""
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,6 +14,7 @@ from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.formats.bases import ALBEDO, INTERFACE
 from vrte.formats.columns import read_coefficients
+from vrte.formats.flakes import FlakeTable, make_flakes
 from vrte.formats.keys import (
     TABLE,
     Choice,
@@ -201,11 +202,14 @@ class Surface(Key):
             return Interface(**values)
 
 
+AREA = Number(allowed="an area of flakes over that of the layer, >= 0 (inf is allowed)", needed=False)
+FLAKES: dict[str, Key] = {"flakes": FlakeTable(needed=False), "flake_area": AREA}  # beside what else a layer holds
 FILLED: dict[str, Key] = {
     "thickness": Number(allowed="a number >= 0", needed=False),
     "thickness_um": Number(allowed="a number >= 0", needed=False),
     "volume_fraction": Fraction(allowed=PART, needed=False),
     "packing": Choice(names={name: one.words for name, one in PACKINGS.items()}, needed=False),
+    **FLAKES,
     **HOST,
 }
 LAYERS: dict[str, tuple[dict[str, Key], str]] = {  # by a key that says what a layer is: all its keys, why no others
@@ -228,8 +232,20 @@ LAYERS: dict[str, tuple[dict[str, Key], str]] = {  # by a key that says what a l
             "tolerance": Number(needed=False),
             "host_index": Medium(needed=False),
             "phase": Phase(),
+            **FLAKES,
         },
         "needs particles; with phase, give the optical thickness",
+    ),
+    "flakes": (
+        {
+            "flakes": FlakeTable(),
+            "flake_area": AREA,
+            "flake_thickness_um": Number(allowed="a length in micrometres > 0", needed=False),
+            "thickness_um": Number(allowed="a number >= 0", needed=False),
+            "volume_fraction": Fraction(allowed=PART, needed=False),
+            **HOST,
+        },
+        "is that of particles; flakes alone have flake_area, or volume_fraction, flake_thickness_um and thickness_um",
     ),
     "host_index": (
         {"host_index": Substance(), "thickness_um": LENGTH},
@@ -242,7 +258,7 @@ LAYER_KEYS = tuple(LAYER)
 
 def describe_filling(layer: Mapping[str, Any]) -> str:
     """What a layer of a scene file holds, such as "gold + rutile" or "henyey_greenstein 0.9"."""
-    held: Any = next((layer[key] for key in FILLINGS if key in layer), "clear")
+    held: Any = next((layer[key] for key in FILLINGS if key in layer), "flakes" if "flakes" in layer else "clear")
     if "phase" not in layer:
         return show_key(held) if isinstance(held, str) else " + ".join(map(show_key, held))
     return str(held) if isinstance(held, str) else " ".join(f"{key} {value}" for key, value in held.items())
@@ -252,7 +268,7 @@ def list_counted_media(content: Mapping[str, Any]) -> list[Any]:
     """The media of a file whose absorption its layers count: of particles, and of layers without a phase matrix."""
     kinds = content.get("particles", {})
     tables = [*kinds.values(), *(layer for layer in content.get("layer", ()) if "phase" not in layer)]
-    tables += [content] if kinds else []
+    tables += [content] if kinds or any("flakes" in layer for layer in tables) else []
     return [table["host_index"] for table in tables if "host_index" in table]
 
 
@@ -272,8 +288,10 @@ def read_layers(reading: Reading) -> list[tuple[Table, str, dict[str, Any]]]:
 def read_layer(layer: Table, reading: Reading) -> tuple[Table, str, dict[str, Any]]:
     """The table of a layer, what it is, one of `LAYERS`, and the values of its keys. Raises SceneError."""
     kind = next((one for one in LAYERS if one in layer), "")
-    if kind not in ("interface", "host_index"):
+    if kind not in ("interface", "flakes", "host_index"):
         layer.exactly_one(*FILLINGS)
+        if ("flakes" in layer) != ("flake_area" in layer):
+            raise layer.unfit("flakes beside something else need both of flakes and flake_area")
     keys, reason = LAYERS[kind]
     for key in layer.content:
         if key not in keys:
@@ -308,6 +326,22 @@ def make_layer(
     """The layer or interface of a table; one of particles is added to ``filled``. Raises SceneError."""
     if kind == "interface":
         return values["interface"]
+    given = values.pop("flakes", None)
+    if kind == "flakes":
+        host = values.pop("host_index", read_keys(HOST, kinds.reading.file, kinds.reading).get("host_index", 1.0))
+        alone = make_flakes(given, host, layer)
+        with locate_errors(layer.place, LAYER_KEYS):
+            return Layer.of(alone, **values)
+    found = fill_layer(layer, kind, values, kinds, filled)
+    if given is None:
+        return found
+    oriented = make_flakes(given, 1.0 if found.host_index is None else found.host_index, layer)
+    with locate_errors(layer.place, LAYER_KEYS):
+        return replace(found, flakes=oriented, flake_area=values["flake_area"])
+
+
+def fill_layer(layer: Table, kind: str, values: dict[str, Any], kinds: Kinds, filled: list[FilledLayer]) -> Layer:
+    """The layer of a table without its flakes; one of particles is added to ``filled``. Raises SceneError."""
     host: Any = values.get("host_index")
     if kind in FILLINGS[:2]:
         fractions, by_volume = [*values[kind].values()], kind == "volume_fractions"

@@ -189,7 +189,9 @@ def merge_layers(ready: Mapping[str, Any], given: Table, names: Mapping[str, str
     return found | changed
 
 
-PAINT_KEYS = ("pigment", "volume_fraction", "binder", "thickness_um", "surface", "substrate", "packing", "particles")
+FLAKE_KEYS = ("flakes", "flake_area", "flake_thickness_um")
+FILM_KEYS = ("pigment", "volume_fraction", "binder", "thickness_um", "surface", "substrate", "packing", "particles")
+PAINT_KEYS = (*FILM_KEYS, *FLAKE_KEYS)
 SMOOTH, BARE = "smooth", "none"
 REPLACED = ("particles", "layer", "base", "host_index")  # by what a paint is expanded to
 # keys of a pigment's grains of which one is enough: whichever is given stands in place of the pigment's own
@@ -242,7 +244,7 @@ def expand_paint(content: Mapping[str, Any]) -> dict[str, Any]:
         if key in content:
             raise SceneError(f"paint: a file with a table [paint] has no {key} of its own: the paint makes it", "paint")
     paint = Table((), dict(content), tuple(content)).table("paint", PAINT_KEYS)
-    fractions = _read_pigments(paint)
+    fractions = {} if "flakes" in paint and "pigment" not in paint else _read_pigments(paint)
     binder = paint.required("binder", 'a substance such as "alkyd", or [n, k]')
     thickness = paint.required("thickness_um", "the thickness of the dry film in micrometres, or inf")
     own = paint.content.get("particles", {})
@@ -253,7 +255,15 @@ def expand_paint(content: Mapping[str, Any]) -> dict[str, Any]:
     kinds = {name: _make_grains(paint, name, own.get(name)) for name in fractions}
     spheres = all(kind.get("source", SPHERES) in (SPHERES, "coated-spheres") for kind in kinds.values())
     packing = paint.content.get("packing", COHERENT_POTENTIAL if spheres else INDEPENDENT)
-    layers = [{"host_index": binder, "volume_fractions": fractions, "thickness_um": thickness, "packing": packing}]
+    filling = {"volume_fractions": fractions, "packing": packing}
+    if not fractions:
+        if "flake_area" in paint:
+            raise paint.wrong(
+                "flake_area", "is of flakes beside pigments; alone give volume_fraction, flake_thickness_um"
+            )
+        filling = {key: paint.content[key] for key in ("volume_fraction", "packing") if key in paint}
+    filling |= {key: paint.content[key] for key in FLAKE_KEYS if key in paint}
+    layers = [{"host_index": binder, **filling, "thickness_um": thickness}]
     surface = paint.content.get("surface", SMOOTH)
     if isinstance(surface, dict):
         paint.table("surface", tuple(INTERFACE))
@@ -298,8 +308,10 @@ def list_places(content: Mapping[str, Any]) -> list[tuple[Place, Place]]:
         return []
     film = 0 if paint.get("surface") == BARE else 1
     fractions: Place = ("layer", film, "volume_fractions")
+    part: Place = (*fractions, str(paint["pigment"])) if "pigment" in paint else ("layer", film, "volume_fraction")
     found: list[tuple[str, Place]] = [
-        ("volume_fraction", (*fractions, str(paint.get("pigment")))),
+        ("volume_fraction", part),
+        *((key, ("layer", film, key)) for key in FLAKE_KEYS),
         ("pigment", fractions),
         ("particles", ("particles",)),
         ("binder", ("layer", film, "host_index")),

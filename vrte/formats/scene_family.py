@@ -222,8 +222,15 @@ class Neighbourhood:
 
         def numbers_at(number: float) -> list[Array]:
             recipe, here = Recipe(file, move(number)), self.recipe
-            same = recipe.scene.media == here.scene.media and recipe.scene.interfaces == here.scene.interfaces
-            draft.is_outside |= not same
+            same = [
+                (
+                    one.scene.media,
+                    one.scene.interfaces,
+                    [(layer.flakes, layer.flake_area) for layer in one.scene.layers],
+                )
+                for one in (recipe, here)
+            ]
+            draft.is_outside |= here.scene.has_flakes or same[0] != same[1]
             draft.changed |= {kind for kind, one in enumerate(recipe.descriptions) if one != here.descriptions[kind]}
             return [*self.list_numbers(recipe).values()]
 

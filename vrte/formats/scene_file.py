@@ -17,6 +17,7 @@ from vrte.basics.errors import Place, SceneError
 from vrte.formats.atomic import read_text
 from vrte.formats.bases import BASES, read_base_table
 from vrte.formats.columns import read_index
+from vrte.formats.flakes import Stack, list_films
 from vrte.formats.keys import (
     TABLE,
     WAVE_KEYS,
@@ -197,6 +198,8 @@ def list_given(place: Place, table: Any, keys: Mapping[str, Key]) -> Iterator[tu
         if name in table:
             yield (*place, name), key, table[name]
             yield from list_given((*place, name), table[name], key.inside)
+            if isinstance(key, Stack):
+                yield from list_films((*place, name), table[name])
 
 
 def list_substances(content: Mapping[str, Any]) -> Iterator[tuple[Place, str]]:

@@ -27,7 +27,7 @@ STEPS = re.compile(
     r'"(?:[^"\\\n]|\\.)*+"?|' + r"'[^'\n]*+'?|#[^\n]*|[\[\]{}.,\n]",
     re.DOTALL,
 )
-STEP = re.compile(r"""([A-Za-z0-9_-]+|"[^"]*"|'[^']*')(?:\[(\d+)\])?""")  # a key, and a place in its list
+STEP = re.compile(r"""([A-Za-z0-9_-]+|"[^"]*"|'[^']*')((?:\[\d+\])*)""")  # a key, and places in its lists
 LARGEST_COUNT = 1_000_000
 RANGE_KEYS = ("start", "stop", "count")
 SHOWN, SHOWN_KEY, SHOWN_DEPTH = 80, 60, 8  # characters of a value and of a key in a complaint, tables in tables
@@ -287,8 +287,7 @@ def split_key(key: str) -> Place:
     position = 0
     while match := STEP.match(key, position):
         places.append(match[1].strip("\"'"))
-        if match[2] is not None:
-            places.append(int(match[2]) - 1)
+        places += [int(place) - 1 for place in re.findall(r"\d+", match[2])]
         position = match.end()
         if key[position : position + 1] != ".":
             break

@@ -44,7 +44,7 @@ MOST_FILMS, THICKEST = 100, 100.0  # [um]
 MOST_ORDERS = 10_000  # of Fourier
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, repr=False)
 class Flakes:
     """Flat mirrors in a medium, tilted at random: how a unit of their area attenuates and scatters light.
 

@@ -207,8 +207,8 @@ def _fill_with_flakes(
     """A layer of flakes alone, of an area, or of a volume fraction, their thickness and the layer's [um]."""
     by_volume = fraction is not None or flake_um is not None
     if by_volume == (area is not None) or (by_volume and None in (fraction, flake_um, length_um)):
-        ways = "either flake_area, or volume_fraction, flake_thickness_um and thickness_um"
-        raise SceneError(f"layer: of flakes give {ways}", "flake_area")
+        instead = "volume_fraction, flake_thickness_um and thickness_um"
+        raise SceneError.of("layer: flake_area", f"of flakes alone is needed, or {instead} in its place, not both")
     length = 0.0
     if length_um is not None:
         allowed = f"a length in micrometres >= 0, at most {LARGEST_THICKNESS:g} or inf"
