@@ -22,7 +22,7 @@ from vrte.app.solving.tab_session import LARGEST_TABLE
 from vrte.formats.bases import BASES
 from vrte.formats.keys import FilePath
 from vrte.formats.layers import PHASES
-from vrte.formats.measured_polarized import directions, read_tensors, write_mitsuba
+from vrte.formats.measured_polarized import read_tensors
 from vrte.formats.particle_sources import SOURCES
 from vrte.formats.scene_file import list_keys
 from vrte.formats.toml_table import write_toml
@@ -243,8 +243,8 @@ def test_a_scene_is_described_solved_looked_at_and_downloaded(
         assert field.stokes.shape == (5, 120, 2, 4)
     tensors = read_tensors(tab.download("Download", tmp_path, "Mitsuba tensor"))
     assert tensors["wvls"].ravel().tolist() == [450, 500, 550, 600, 650]
-    write_mitsuba(vrte.spectrum(content, **directions()), tmp_path / "expected.bsdf")
-    assert_close(tensors["M"], read_tensors(tmp_path / "expected.bsdf")["M"], rtol=1e-5, atol=1e-9)
+    vrte.export(content, tmp_path / "expected.pbsdf")
+    assert_close(tensors["M"], read_tensors(tmp_path / "expected.pbsdf")["M"], rtol=1e-5, atol=1e-9)
 
 
 def test_hostile_input_gets_a_message_and_a_solve_can_be_cancelled(tab: Tab, tmp_path: Path) -> None:

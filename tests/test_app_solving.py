@@ -23,6 +23,7 @@ from vrte.app.solving import tab_session as downloads
 from vrte.app.solving.solve import adopt, make_outcome, read, solve
 from vrte.app.solving.tab_session import MOST_TABS, TabSessions
 from vrte.app.solving.worker import EMPTY, Adopted, Outcome, Query, Refused, Task, explain_end, take_newest
+from vrte.exports.polarized import USUAL_UM
 from vrte.formats.toml_table import write_toml
 
 from .helpers import assert_close, close_to, wait_until
@@ -149,8 +150,8 @@ def test_an_upload_cannot_bring_back_another_file(outcome: Outcome, tmp_path: Pa
 
 def test_a_tensor_is_solved_at_five_wavelengths_and_what_cannot_be_downloaded_is_a_sentence() -> None:
     for given, taken in (
-        (0.64, downloads.TENSOR_UM),
-        (None, downloads.TENSOR_UM),
+        (0.64, USUAL_UM),
+        (None, USUAL_UM),
         ([0.4, 0.5, 0.6, 0.8], (0.4, 0.5, 0.6, 0.7, 0.8)),
         ([0.41, 0.5, 0.55, 0.6, 0.65], (0.41, 0.5, 0.55, 0.6, 0.65)),
         ({"start": 0.43, "stop": 0.7, "count": 7}, (0.43, 0.498, 0.565, 0.632, 0.7)),

@@ -78,7 +78,7 @@ ASKED = {**CONTENT, "brdf": {"mu_i": 0.5, "mu_o": 0.5}}
 FILM = {**CONTENT, "layer": [{"interface": {"above": 1.0, "below": 1.5}}, {"phase": "isotropic", "albedo": 0.5,
                                                                            "thickness": 1.0}]}  # fmt: skip
 AXES = {"depth": {"key": "layer[1].thickness", "values": [0.5, 1.0, 1.5, 2.0]}}
-SLOW = {"paint", "to_mitsuba", "material", "cylinders", "sweep", "fit", "hiding", "kubelka_munk", "appearance", "page"}
+SLOW = {"paint", "export", "material", "cylinders", "sweep", "fit", "hiding", "kubelka_munk", "appearance", "page"}
 Case = tuple[Callable[..., Any], dict[str, Any]]
 
 
@@ -226,8 +226,8 @@ def list_calls(made: dict[str, Any]) -> list[Case]:
         (vrte.solve_base, {"scene": vrte.Scene(LAYER), "accuracy": 0.1, "nodes": 2, "threads": 1}),
         (vrte.spectrum, {"scene": ASKED, "wavelengths_um": [0.4, 0.5]}),
         (vrte.sweep, {"source": {**ASKED, "axes": {"base.albedo": [0.1, 0.2]}}, "workers": 1}),
-        (vrte.to_mitsuba, {"scene": ASKED, "wavelengths_um": [0.4, 0.45, 0.5, 0.55, 0.6], "path": "x.pbsdf",
-                           "step_deg": 15.0, "nodes": 2}),
+        (vrte.export, {"scene": ASKED, "wavelengths_um": [0.4, 0.45, 0.5, 0.55, 0.6], "path": "x.pbsdf",
+                       "step_deg": 15.0, "nodes": 2}),
         (vrte.views, {"scene": SCENE, "mu0": 0.5, "mu": 0.5, "nodes": 2}),
         (vrte.photons, {"scene": SCENE, "mu_i": 0.5, "photons": 128, "threads": 1}),
         (quantities.of_brdf, {"brdf": made["brdf"], "name": "f00"}),
@@ -299,7 +299,7 @@ def list_faults(cases: Iterable[Case], zoo: dict[str, Any]) -> list[str]:
         f"{call.__qualname__}({name}={kind}): {fault}"
         for call, given in cases
         for name in given
-        if name != "step_deg" or call.__name__ != "to_mitsuba"  # half a degree is right, and takes minutes
+        if name != "step_deg" or call.__name__ != "export"  # half a degree is right, and takes minutes
         for kind, spoilt in zoo.items()
         if (fault := find_fault(call, given, name, spoilt))
     ]

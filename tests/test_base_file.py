@@ -9,8 +9,9 @@ import pytest
 
 import vrte
 from tests.samples import largest_gap, spheroids
+from vrte.exports.polarized import tabulate_polarized
 from vrte.formats import bases
-from vrte.formats.measured_polarized import directions, read_tensors, write_mitsuba, write_tensors
+from vrte.formats.measured_polarized import directions, read_tensors, write_tensors
 from vrte.formats.scene_file import find_named_tables, make_scene_file
 from vrte.formats.toml_table import write_toml
 from vrte.sweep.template import read_sweep
@@ -36,7 +37,7 @@ def exact() -> np.ndarray:
 @pytest.fixture(scope="module")
 def tensor(spectrum: vrte.Spectrum, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("measured") / "spheroids.bsdf"
-    write_mitsuba(spectrum, path, step_deg=7.5)
+    tabulate_polarized(spectrum, [None] * 5, step_deg=7.5).write(path, "spheroids")
     return path
 
 

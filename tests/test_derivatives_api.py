@@ -137,7 +137,7 @@ REFUSED = [
     (DEVICE, lambda: vrte.plan("brdf", HAZE, 0.5, 0.5, nodes=4, backend="opencl", derivatives=[BASE])),
     (DEVICE, lambda: vrte.linearize(HAZE, 0.5, 0.5, nodes=4, backend="opencl")),
     ("derivatives are not for panels", lambda: vrte.appearance(CONTENT, [0.4, 0.5], derivatives=[BASE])),
-    ("derivatives are not for panels", lambda: vrte.to_mitsuba(CONTENT, VISIBLE, "t.bsdf", 15.0, derivatives=[BASE])),
+    ("derivatives has no place in a file", lambda: vrte.export(CONTENT, "t.bsdf", VISIBLE, derivatives=[BASE])),
     (r'derivatives = \["base.albedo"\]: unknown key', lambda: vrte.sweep({**SWEPT, "derivatives": [BASE]})),
     ("not for single geometries", lambda: vrte.views(HAZE, 0.5, 0.5, nodes=4, derivatives=[BASE])),
     ("derivatives is not asked for here", lambda: vrte.solve_base(HAZE, derivatives=[BASE])),

@@ -12,17 +12,17 @@ import pytest
 import vrte
 from vrte import SceneError, Spectrum
 from vrte.basics.arrays import Array
-from vrte.calls import mitsuba as mitsuba_call
-from vrte.calls.mitsuba import check_below_surface, check_nested, take_off_surface
 from vrte.calls.spectrum import prepare_scenes
-from vrte.formats import measured_polarized
-from vrte.formats.measured_polarized import GAP, read_tensors, write_nested_scene, write_tensors
+from vrte.exports.export import FORMATS, GAP, compare, list_beams, take_off_surface, write_nested_scene
+from vrte.exports.lobes import follow_mueller
+from vrte.exports.polarized import PolarizedFile, make_axes, tabulate, tabulate_polarized
+from vrte.formats.measured_polarized import directions, make_unit_vectors, read_tensors, write_tensors
 from vrte.formats.scene_file import make_scene_file
 from vrte.optics.facets import RoughSurface
 from vrte.optics.fresnel import reflect_smooth, transmit_smooth
 from vrte.optics.spheres import spheres
 
-from .helpers import assert_close, run
+from .helpers import assert_close
 
 WAVELENGTHS = [0.45, 0.5, 0.55, 0.6, 0.65]
 ALBEDO, INDEX = 0.5, 1.5
@@ -43,7 +43,7 @@ GOLD = GREY | {
 @pytest.fixture(scope="module")
 def gold() -> Spectrum:
     """Five wavelengths, the first and the last of them solved, at the directions of a table."""
-    first, last = vrte.spectrum(GOLD, [0.45, 0.65], **measured_polarized.directions(32, 37))
+    first, last = vrte.spectrum(GOLD, [0.45, 0.65], **directions(32, 37))
     return Spectrum(WAVELENGTHS, (first, first, first, last, last))
 
 
@@ -57,9 +57,7 @@ def mitsuba() -> Any:
 def random_directions(count: int, seed: int, lowest: float = 0.0) -> Array:
     """Unit vectors (count, 3) of the upper hemisphere, evenly spread over it."""
     random = np.random.default_rng(seed)
-    return measured_polarized.make_unit_vectors(
-        random.uniform(lowest, 1.0, count), random.uniform(-np.pi, np.pi, count)
-    )
+    return make_unit_vectors(random.uniform(lowest, 1.0, count), random.uniform(-np.pi, np.pi, count))
 
 
 def test_a_table_converges(gold: Spectrum) -> None:
@@ -68,22 +66,21 @@ def test_a_table_converges(gold: Spectrum) -> None:
     exact = vrte.spectrum(GOLD, [0.65], mu_i=pairs, mu_o=pairs[:5], phi=np.arange(7.0, 360.0, 50.0))
     found = []
     for step in (10.0, 5.0, 2.5):
-        axes = measured_polarized.make_axes(step)
-        table = measured_polarized.tabulate_spectrum(Spectrum([0.65], (gold[4],)), axes)
-        found.append(measured_polarized.measure_errors(table, axes, exact).median)
+        axes = make_axes(step)
+        table = tabulate(Spectrum([0.65], (gold[4],)), [None], axes)
+        found.append(compare(PolarizedFile(np.array([650], np.uint16), axes, table), exact, None)[0])
     assert_close(np.log2(np.divide(found[:-1], found[1:])), 2.0, rtol=0.0, atol=0.4)
     assert found[-1] < 3e-3
 
 
 def test_what_is_no_table_is_refused(gold: Spectrum, tmp_path: Path) -> None:
     for spectrum, step, words in (
-        (vrte.spectrum(WHITE, WAVELENGTHS), 5, "its own directions"),
         (gold.at([0.45, 0.5]), 5, "exactly 5 wavelengths, not 2"),
         (Spectrum(np.add(WAVELENGTHS, 0.0005), gold.brdfs), 5, "whole nanometres"),
         (gold, 0, r"step_deg must be between 0\.5 and 15 degrees, not 0"),
     ):
         with pytest.raises(SceneError, match=words):
-            measured_polarized.write_mitsuba(spectrum, tmp_path / "a.bsdf", step)
+            tabulate_polarized(spectrum, [None] * len(spectrum), step)
     with pytest.raises(SceneError, match="a must be real numbers of a plain type, not complex128"):
         write_tensors({"a": np.zeros(2, complex)}, tmp_path / "a.bsdf")
     assert not list(tmp_path.iterdir())
@@ -159,10 +156,10 @@ def test_evaluations_are_ours(
 ) -> None:  # fmt: skip
     """The bounds are those of linear interpolation: a quarter at half the step. Each element by itself, too, so
     that no small one can have the wrong sign."""
-    measured_polarized.write_mitsuba(gold, tmp_path / "gold.bsdf", step)
-    bsdf = mitsuba.load_dict({"type": "measured_polarized", "filename": str(tmp_path / "gold.bsdf")})
+    tabulate_polarized(gold, [None] * 5, step).write(tmp_path / "gold.pbsdf", "gold")
+    bsdf = mitsuba.load_dict({"type": "measured_polarized", "filename": str(tmp_path / "gold.pbsdf")})
     light, view = random_directions(500, 1, 0.15), random_directions(500, 2, 0.15)
-    matrices = measured_polarized.Splines(gold[place])(light, view)
+    matrices = follow_mueller(gold[place], None)(light, view)
     before, after = ([in_stokes_basis(mitsuba, one) for one in some] for some in (-light, view))
     ours = light[:, 2, None, None] * (np.array(after) @ matrices @ np.swapaxes(before, 1, 2))
     off = np.abs([evaluated(mitsuba, bsdf, *pair, nanometres) for pair in zip(light, view, strict=True)] - ours)
@@ -184,32 +181,6 @@ def test_the_sign_of_v(mitsuba: Any) -> None:
         mirror = np.array(mitsuba.mueller.specular_reflection(cosine, mitsuba.Complex2f(index)))
         assert_close(axes * ours / ours[0, 0], mirror / mirror[0, 0], rtol=0.0, atol=2e-3)
         assert abs(mirror[3, 2] / mirror[0, 0]) > 0.1
-
-
-def test_the_command_line_and_the_call_write_the_same(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(mitsuba_call, "COSINES", 16)  # fewer than anybody would ask for
-    monkeypatch.setattr(mitsuba_call, "AZIMUTHS", 19)
-    (tmp_path / "haze.toml").write_text(
-        'nodes = 4\n[[layer]]\nphase = "rayleigh"\nalbedo = 0.9\nthickness = 1.0\n[brdf]\nmu_i = 0.5\nmu_o = 0.5\n'
-    )
-    reported, called = list[Any](), tmp_path / "call.bsdf"
-    how: dict[str, Any] = {"step_deg": 15, "progress": lambda *told: reported.append(told)}
-    errors = vrte.to_mitsuba(tmp_path / "haze.toml", WAVELENGTHS, called, **how)
-    assert reported[-1] == (1000, 1000)
-    command = ["--wavelengths-um", "0.45,0.5,0.55,0.6,0.65", "--mitsuba", tmp_path / "line.bsdf"]
-    out = tmp_path / "haze.nc"
-    assert run("brdf", tmp_path / "haze.toml", "-o", out, *command, "--mitsuba-step-deg", 15) == 0
-    assert f"Mitsuba's table: {errors}" in capsys.readouterr().out
-    call, line = read_tensors(called), read_tensors(tmp_path / "line.bsdf")
-    # to rounding: the spectra are the same bits, SciPy 1.14's matrices of splines are not always
-    assert_close(call["M"], line["M"], rtol=0.0, atol=1e-15)
-    assert call["M"].shape == (13, 7, 7, 5, 4, 4)
-    assert call["wvls"].tolist() == [450, 500, 550, 600, 650]
-    text = call["description"].tobytes().decode("utf-8")
-    assert f"interpolation: {errors}" in text
-    assert 'phase = "rayleigh"' in text
 
 
 HAZE = GREY | {"nodes": 12, "layer": [{"phase": "rayleigh", "albedo": 0.95, "thickness": 1.0}]}
@@ -249,9 +220,9 @@ def test_mitsuba_renders_what_vrte_finds(
     mitsuba: Any, content: Any, expected: Callable[[Array], Any], tmp_path: Path
 ) -> None:
     """A table of what lies below, and Mitsuba's own surface, against a closed form and against vrte's surface."""
-    grey = vrte.spectrum(content, WAVELENGTHS, **measured_polarized.directions(24, 9))
-    measured_polarized.write_mitsuba(grey, tmp_path / "grey.bsdf", 5.0)
-    write_nested_scene(tmp_path / "grey.xml", tmp_path / "grey.bsdf", 1.0, INDEX)
+    grey = vrte.spectrum(content, WAVELENGTHS, **directions(24, 9))
+    tabulate_polarized(grey, [None] * 5, 5.0).write(tmp_path / "grey.pbsdf", "grey")
+    write_nested_scene(tmp_path / "grey.xml", tmp_path / "grey.pbsdf", 1.0, INDEX)
     text = (tmp_path / "grey.xml").read_text().replace("</scene>", EXTRA.format(count=512) + "</scene>")
     (tmp_path / "picture.xml").write_text(text)
     picture = np.array(mitsuba.render(mitsuba.load_file(str(tmp_path / "picture.xml"))))
@@ -290,21 +261,20 @@ def prepare(*layers: dict[str, Any], **more: Any) -> Any:
     ("layers", "words"),
     [
         ([GREY["layer"][0]], "an interface on top, and here is none"),
-        ([{"interface": BINDER["interface"] | {"roughness": 0.1}}, GREY["layer"][0]], "knows no polarization"),
+        ([{"interface": BINDER["interface"] | {"roughness": 0.1}}, GREY["layer"][0]], "a rough one is in the table"),
         ([{"interface": {"above": 1.0, "below": "silica"}}, GREY["layer"][0]], "a surface of one index, .* not 1/1.4"),
     ],
 )
 def test_what_cannot_be_nested_is_refused(layers: list[dict[str, Any]], words: str) -> None:
     with pytest.raises(vrte.SceneError, match=words):
         take_off_surface(prepare(*layers))
-    grey = vrte.spectrum(GREY, WAVELENGTHS)
-    check_below_surface(grey)
+    grey, kind = vrte.spectrum(GREY, WAVELENGTHS), FORMATS[".pbsdf"]
+    assert not list_beams(grey, kind, Path("a.pbsdf"), nested=False, diffuse=False)
     mirrored = vrte.Spectrum(WAVELENGTHS, [replace(one, specular=[0.01 * np.eye(4)]) for one in grey])
     with pytest.raises(vrte.SceneError, match=r"up to 0\.01 of it comes back as a beam from below"):
-        check_below_surface(mirrored)
-    for path, asked, reported in (("a.xml", {}, "another ending"), ("a.bsdf", {"illuminate": "bottom"}, "on top")):
-        with pytest.raises(vrte.SceneError, match=reported):
-            check_nested(path, asked)
+        list_beams(mirrored, kind, Path("a.pbsdf"), nested=True, diffuse=False)
+    with pytest.raises(vrte.SceneError, match="illuminate must be 'top'"):
+        vrte.export(GREY, "a.pbsdf", nested=True, illuminate="bottom")
 
 
 def test_the_gap_is_wider_than_mitsubas_rays_start_off(tmp_path: Path) -> None:

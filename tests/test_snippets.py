@@ -65,8 +65,8 @@ def table_for_mitsuba(folder: Path) -> None:
     (folder / "paint.toml").write_text(
         '[[layer]]\nphase = "rayleigh"\nalbedo = 0.9\nthickness = 1.0\n[brdf]\nmu_i = 0.5\nmu_o = 0.5\n'
     )
-    command = shlex.split("brdf paint.toml --wavelengths-um 0.45,0.5,0.55,0.6,0.65 --mitsuba paint.bsdf --nodes 4")
-    assert cli.main([*command, "--mitsuba-step-deg", "15"]) == 0
+    command = shlex.split("export paint.toml --wavelengths-um 0.45,0.5,0.55,0.6,0.65 -o paint.pbsdf --nodes 4")
+    assert cli.main([*command, "--step-deg", "15"]) == 0
 
 
 # Mitsuba renders, kernels are compiled, a table is made, panels are solved at many wavelengths

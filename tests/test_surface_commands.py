@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.calls import mitsuba as mitsuba_call
-from vrte.formats.measured_polarized import read_tensors
 
 from .helpers import run
 
@@ -62,27 +60,3 @@ def test_a_field_lies_on_a_side_of_the_surface(tmp_path: Path, capsys: pytest.Ca
         assert vrte.load(out).index.tolist() == indices  # type: ignore[union-attr]
     assert run("field", written(tmp_path, HEAD + RAYLEIGH + FIELD + 'side = "below"\n'), "-o", out) == 2
     assert "field.side 'below' is for depths tau at an interface" in capsys.readouterr().err
-
-
-@pytest.mark.slow
-def test_nested_tables_from_command_line_and_call(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(mitsuba_call, "COSINES", 8)  # fewer than anybody would ask for
-    monkeypatch.setattr(mitsuba_call, "AZIMUTHS", 9)
-    scene = written(tmp_path, HEAD + GLASS + RAYLEIGH + BRDF)
-    five, line = "0.45,0.5,0.55,0.6,0.65", ["--mitsuba-step-deg", 15, "-o", tmp_path / "a.nc", "--wavelengths-um"]
-    for name, more in (("plain", []), ("nested", ["--mitsuba-nested"])):
-        assert run("brdf", scene, *line, five, "--mitsuba", tmp_path / f"{name}.bsdf", *more) == 0
-        reported = capsys.readouterr().out
-        assert ("left out is the mirrored beam" in reported) == (name == "plain")
-    assert "which Mitsuba's own dielectric is" in reported
-    assert 'value="nested.bsdf"' in (tmp_path / "nested.xml").read_text()
-    assert not (tmp_path / "plain.xml").exists()
-    bare = written(tmp_path, HEAD + RAYLEIGH + BRDF)
-    vrte.to_mitsuba(bare, [float(one) for one in five.split(",")], tmp_path / "bare.bsdf", step_deg=15)
-    tables = {name: read_tensors(tmp_path / f"{name}.bsdf")["M"] for name in ("plain", "nested", "bare")}
-    np.testing.assert_array_equal(tables["nested"], tables["bare"])
-    assert np.abs(tables["plain"] - tables["bare"]).max() > 0.01
-    assert run("brdf", bare, *line, five, "--mitsuba", tmp_path / "a.bsdf", "--mitsuba-nested") == 2
-    assert "an interface on top, and here is none" in capsys.readouterr().err

@@ -19,7 +19,6 @@ from vrte.calls.brdf import brdf as brdf
 from vrte.calls.brdfs import brdfs as brdfs
 from vrte.calls.linearize import Linearized as Linearized
 from vrte.calls.linearize import linearize as linearize
-from vrte.calls.mitsuba import to_mitsuba as to_mitsuba
 from vrte.calls.photons import photons as photons
 from vrte.calls.plan import plan as plan
 from vrte.calls.radiance import radiance as radiance
@@ -30,6 +29,7 @@ from vrte.calls.spectrum import spectrum as spectrum
 from vrte.calls.versions import show_versions as show_versions
 from vrte.discrete_ordinates.derivatives.adjoint import Gradient as Gradient
 from vrte.discrete_ordinates.planning.plan import Plan as Plan
+from vrte.exports.export import export as export
 from vrte.fit import Fit as Fit
 from vrte.fit import Measurement as Measurement
 from vrte.fit import fit as fit

@@ -30,8 +30,8 @@ haze = {
     "brdf": {"mu_i": 0.5, "mu_o": 0.5},  # a scene file has some; the table has its own
 }
 folder = tempfile.TemporaryDirectory()
-table = Path(folder.name) / "haze.bsdf"
-errors = vrte.to_mitsuba(haze, [0.45, 0.5, 0.55, 0.6, 0.65], table, step_deg=5.0, nodes=6)
+table = Path(folder.name) / "haze.pbsdf"
+errors = vrte.export(haze, table, [0.45, 0.5, 0.55, 0.6, 0.65], step_deg=5.0, nodes=6)
 print(
     f"{table.stat().st_size / 1e6:.1f} MB; between its "
     f"angles it is off by {errors.median:.1e} (median)"

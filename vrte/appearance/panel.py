@@ -13,7 +13,6 @@ from vrte.basics.arrays import Array, check_number, check_whole
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, count_usable_cpus
 from vrte.calls.brdfs import is_shared, run_side_by_side, solve_side_by_side
-from vrte.calls.mitsuba import take_off
 from vrte.calls.plan import make_request, warn_runtime_of_all
 from vrte.calls.spectrum import Source, name_wavelength
 from vrte.formats.materials import expand_content
@@ -138,7 +137,7 @@ class Panel:
 
     def take_off_surface(self) -> "Panel":
         """The same panel without the interface on top, seen from the medium below it."""
-        return replace(self, scenes=tuple(take_off(scene) for scene in self.scenes))
+        return replace(self, scenes=tuple(scene.without_surface() for scene in self.scenes))
 
     def solve(self, mu_i: Any, mu_o: Any = 1.0, phi: Any = 0.0, progress: Progress | None = None) -> Spectrum:
         """The BRDFs at all wavelengths; as `solve_as` solves them."""

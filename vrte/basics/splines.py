@@ -77,13 +77,18 @@ def mirror_azimuths(phi: Array) -> tuple[Array, NDArray[np.intp]]:
 
 
 def extend_azimuths(
-    phi: Array, matrices: Array, low: float = 0.0, high: float = 360.0, margin: int = MARGIN
+    phi: Array,
+    matrices: Array,
+    low: float = 0.0,
+    high: float = 360.0,
+    margin: int = MARGIN,
+    mirror: Array = MIRROR,
 ) -> tuple[Array, Array]:
     """Azimuths (m,) [degrees] from ``low`` to ``high`` and beyond, and the Mueller matrices (..., m, 4, 4) there, of
-    those (..., n, 4, 4) at ``phi`` (n,) [degrees]; missing azimuths are mirror images."""
+    those (..., n, 4, 4) at ``phi`` (n,) [degrees]; missing azimuths are mirror images, ``mirror`` times as large."""
     azimuths, indices = mirror_azimuths(phi)
     grid, turn = repeat_grid(azimuths, 360.0, low, high, margin)
-    sign = np.where((indices[turn] >= phi.size)[:, None, None], MIRROR, 1.0)
+    sign = np.where((indices[turn] >= phi.size)[:, None, None], mirror, 1.0)
     return grid, matrices[..., indices[turn] % phi.size, :, :] * sign
 
 

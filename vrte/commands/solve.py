@@ -13,11 +13,9 @@ from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Run
 from vrte.calls.brdf import brdf
-from vrte.calls.mitsuba import check_nested, write_table
 from vrte.calls.radiance import radiance
 from vrte.calls.spectrum import prepare_scenes, solve_spectrum, vary_files
 from vrte.commands.common import label_errors, report_written, show_progress
-from vrte.formats import measured_polarized as mitsuba
 from vrte.formats import result_file
 from vrte.formats.contents import Result
 from vrte.formats.result_file import write_csv
@@ -170,33 +168,22 @@ def read_setting(text: str) -> tuple[str, Any]:
 
 def check(options: argparse.Namespace) -> None:
     """Whether options go together and something is written; wavelengths from the file. Raises SceneError."""
-    for name in ("wavelengths_um", "mitsuba"):  # which `vrte field` does not have
-        vars(options).setdefault(name, None)
-    if not (options.output or options.csv or options.plot or options.mitsuba):
+    vars(options).setdefault("wavelengths_um", None)  # which `vrte field` does not have
+    if not (options.output or options.csv or options.plot):
         raise SceneError("nothing to write: -o, --csv or --plot names a file for the result")
     if options.kind == "field":
         return
-    if options.mitsuba_nested and not options.mitsuba:
-        raise SceneError("--mitsuba-nested goes with --mitsuba", "mitsuba")
     if options.wavelengths_um is None:
         with label_errors(options.scene, reading=True):
             listed = read_listed_wavelengths(read_content(options.scene))
             options.wavelengths_um = listed and check_ascending(listed).tolist()
-    if options.mitsuba:
-        mitsuba.make_axes(options.mitsuba_step_deg)
-        if not options.wavelengths_um:
-            words = f"{mitsuba.WAVELENGTHS} wavelengths, by --wavelengths-um or in the scene file"
-            raise SceneError(f"--mitsuba needs {words}", "mitsuba")
-        mitsuba.check_wavelengths(options.wavelengths_um)
-        if options.mitsuba_nested:
-            check_nested(options.mitsuba, {"illuminate": options.illuminate or "top"})
 
 
 def run(options: argparse.Namespace) -> None:
     asked = {name: getattr(options, name) for name in (*HOW, "side") if getattr(options, name, None) is not None}
     asked |= {"settings": dict(options.set)} if options.set else {}
     asked |= {"coherent": True} if getattr(options, "coherent", False) else {}
-    clock, paths, notes = Run(1), list[Path](), list[str]()
+    clock, paths = Run(1), list[Path]()
     with show_progress() as (phase, tick):
         phase("particles")
         with clock.timed("particles"), label_errors(options.scene, reading=True):
@@ -204,12 +191,6 @@ def run(options: argparse.Namespace) -> None:
         phase("wavelengths" if options.wavelengths_um else "Fourier orders, then directions")
         with clock.timed("solver"):
             result = solve()
-        if options.mitsuba:
-            phase("directions of the table")
-            at, step, nested = np.array(options.wavelengths_um), options.mitsuba_step_deg, options.mitsuba_nested
-            with clock.timed("table for Mitsuba"):
-                notes = write_table(files, at, options.mitsuba, step, nested, tick, **asked)[1]
-            paths = [options.mitsuba, *([options.mitsuba.with_suffix(".xml")] if nested else [])]
     describe(options.scene, files, result)
     writers = {"output": result_file.save, "csv": write_csv, "plot": save_picture}
     for path, save in ((getattr(options, name), save) for name, save in writers.items()):
@@ -217,8 +198,6 @@ def run(options: argparse.Namespace) -> None:
             with clock.timed(f"writing {path.suffix}"):
                 save(result, path)
             paths.append(path)
-    for note in notes:
-        print(f"  Mitsuba's table: {note}")
     print_times(clock.stages, result)
     for path in paths:
         report_written(path)

@@ -31,7 +31,7 @@ from vrte.formats.keys import (
     make_of_keys,
     read_beside,
 )
-from vrte.formats.measured_polarized import AXES, Axes, directions, evaluate_table, read_tensors
+from vrte.formats.measured_polarized import AXES, Axes, directions, evaluate_table, make_pairs, read_tensors
 from vrte.formats.result_file import load
 from vrte.formats.toml_table import Table
 from vrte.results.brdf import Brdf, Spectrum
@@ -143,7 +143,8 @@ def read_measured(path: PathName, wavelength_um: float | None, average_mirrored:
     table = average_images(fields["M"][:, :, :, index].astype(np.float64), phi_d, average_mirrored)
     mu_i, mu_o, azimuths = directions().values()
     aside = np.clip(azimuths, ASIDE, 180.0 - ASIDE)
-    found = evaluate_table(table[:, :, :, None], axes, mu_i, mu_o, aside)
+    pairs = make_pairs(mu_i[:, None, None], mu_o[:, None], aside)
+    found = evaluate_table(table[:, :, :, None], axes, *pairs)
     mueller = found.reshape(mu_i.size, mu_o.size, azimuths.size, 4, 4)
     return TabulatedBase(mu_i, mu_o, azimuths, mueller, average_mirrored=True)  # which ASIDE is not, nearly
 

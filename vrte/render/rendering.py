@@ -41,8 +41,9 @@ from vrte.render.sky import (
     weigh_wavelengths,
 )
 from vrte.render.surfaces import SceneLight, compute_irradiance
-from vrte.render.tables import BrdfTable, Resolution, leave_out_facets, tabulate_brdf
+from vrte.render.tables import BrdfTable, Resolution, tabulate_brdf
 from vrte.results.brdf import Brdf, check_ascending
+from vrte.results.facets import find_facets, leave_out_facets
 
 ACCURACY = 1e-4  # of a BRDF, where the file asks for none
 SMALLEST_SIZE, LARGEST_SIZE = 16, 1024
@@ -103,11 +104,7 @@ class Material:
         """The rough surface that light meets first, of an interface or a bare base. Raises SceneError."""
         content = {"wavelength_um": wavelength_um, "brdf": {"mu_i": 1.0, "mu_o": 1.0}}
         content = {**self.content, **content}
-        scene = make_scene_file(content, "brdf", self.path.parent, check_particles).scene
-        top = scene.interfaces[0]
-        if top is None:
-            return None if scene.thickness else scene.below.facets
-        return None if top.is_smooth else top.facets
+        return make_scene_file(content, "brdf", self.path.parent, check_particles).scene.facets_on_top
 
     @property
     def coloured(self) -> bool:
@@ -398,16 +395,6 @@ def find_fine_table(material: Material, resolutions: Sequence[Resolution]) -> tu
 def tabulate_material(material: Material, wavelength_um: float, resolution: Resolution) -> BrdfTable:
     brdf = material.brdf(wavelength_um, resolution.mu, resolution.mu, resolution.phi)
     return tabulate_brdf(brdf, resolution, find_facets(brdf, material.surface(wavelength_um)))
-
-
-def find_facets(brdf: Brdf, surface: RoughSurface | None) -> RoughSurface | None:
-    """The surface's facets, each by itself, where it is all that reflects without any particle: in closed form."""
-    if surface is None:
-        return None
-    alone = surface.reflect(brdf.mu_i[:, None, None], brdf.mu_o[:, None], brdf.phi)
-    found = brdf.mueller if brdf.surface is None else brdf.surface
-    known = np.allclose(found, alone, rtol=1e-6, atol=1e-6 * np.abs(alone).max())
-    return replace(surface, conserving=False) if known else None
 
 
 def measure_interpolation_error(material: Material, wavelength_um: float, table: BrdfTable) -> float:

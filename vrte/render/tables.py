@@ -12,6 +12,7 @@ from vrte.basics.splines import compute_coefficients, extend_azimuths, make_spli
 from vrte.optics.facets import RoughSurface
 from vrte.render.sky import make_horizon_angles
 from vrte.results.brdf import Brdf
+from vrte.results.facets import leave_out_facets
 
 STEEPEST = 1e-3  # smallest cosine of a BRDF's table; light that grazes even more is given the value there
 ANGLES, AZIMUTHS = 64, 121  # of the values between which a BRDF is linear
@@ -101,13 +102,6 @@ def tabulate_brdf(brdf: Brdf, resolution: Resolution, facets: RoughSurface | Non
     beams = brdf.specular
     specular = None if beams is None else compute_coefficients(grids[:1], beams.reshape(-1, 16))
     return replace(plain, splines=splines, specular=specular, facets=facets)
-
-
-def leave_out_facets(brdf: Brdf, facets: RoughSurface | None) -> Array:
-    """The Mueller matrices of a BRDF without the reflection of these facets, each by itself."""
-    if facets is None:
-        return brdf.mueller
-    return brdf.mueller - facets.reflect(brdf.mu_i[:, None, None], brdf.mu_o[:, None], brdf.phi)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from typing import Annotated, Any
 
@@ -11,6 +11,7 @@ from vrte.basics.arguments import show_given
 from vrte.basics.arrays import check_list, put_in_one_line
 from vrte.basics.errors import SceneError
 from vrte.basics.views import view
+from vrte.optics.facets import RoughSurface
 from vrte.optics.phase_matrix import isotropic
 from vrte.scene.boundary import BLACK, Boundary
 from vrte.scene.interface import Interface
@@ -119,6 +120,19 @@ class Scene:
     def keeps_beams(self) -> bool:
         """Whether beams are to be followed on their way: refracted, mirrored by the base, or attenuated by flakes."""
         return self.has_interfaces or self.below.keeps_beams or self.has_flakes
+
+    @property
+    def facets_on_top(self) -> RoughSurface | None:
+        """The rough surface that light meets first, of an interface or a bare base."""
+        top = self.interfaces[0]
+        if top is None:
+            return None if self.thickness else self.below.facets
+        return None if top.is_smooth else top.facets
+
+    def without_surface(self) -> "Scene":
+        """The scene without the interface on top, seen from the medium below it."""
+        first = replace(self.layers[0], host_index=self.indices[0])
+        return Scene((first, *self.layers[1:]), self.base, (None, *self.interfaces[1:]))
 
     def turned(self) -> "Scene":
         """The scene upside down, its interfaces turned with it, without its base."""

@@ -19,7 +19,6 @@ from vrte.basics.errors import MissingExtraError, Place, SceneError
 from vrte.calls.brdf import brdf
 from vrte.calls.plan import plan
 from vrte.calls.radiance import radiance
-from vrte.calls.spectrum import spectrum
 from vrte.formats import load
 from vrte.formats.layers import describe_filling
 from vrte.formats.particle_sources import check_particles
@@ -217,14 +216,15 @@ def recover_scene(result: Brdf | Field, wavelengths: list[float]) -> Content | N
 
 def write_tensor(exchange: Exchange, content: Content, folder: Path, wavelengths_um: Sequence[float]) -> Written:
     """Mitsuba's file, solved for the directions that it needs."""
-    from vrte.formats.measured_polarized import directions, write_mitsuba
+    from vrte.exports.export import export
 
     def progress(done: int, total: int) -> None:
         exchange.report(Progress(0.9 * done / max(total, 1), "BRDF at the directions of the tensor"))
 
-    found = spectrum(content, wavelengths_um, progress, folder, **directions())
-    exchange.report(Progress(0.9, "writing the tensor"))
-    return Written("brdf.bsdf", collect_bytes("brdf.bsdf", lambda path: write_mitsuba(found, path)))
+    def write(path: Path) -> None:
+        export(content, path, wavelengths_um, diffuse=True, progress=progress, folder=folder)
+
+    return Written("brdf.pbsdf", collect_bytes("brdf.pbsdf", write))
 
 
 def adopt(exchange: Exchange, given: bytes | str, folder: Path, names: frozenset[str]) -> Adopted:

@@ -25,8 +25,8 @@ from vrte.app.form.content import START, Content, list_page_wavelengths
 from vrte.app.form.fields import translate_message
 from vrte.app.solving.worker import EMPTY, Fitted, Outcome, Query, Refused, Task
 from vrte.basics.errors import Place, SceneError
+from vrte.exports.polarized import check_wavelengths, choose_five
 from vrte.formats import save
-from vrte.formats.measured_polarized import check_wavelengths
 from vrte.formats.scene_file import find_named_tables
 from vrte.formats.toml_table import show_toml
 from vrte.results.brdf import Spectrum
@@ -36,7 +36,6 @@ LARGEST_TABLE = 60_000_000  # bytes of a file from which a phase matrix or a bas
 LARGEST_LIST = 500_000  # of one that every check of the form reads: n and k, sizes
 MOST_TABLES, LARGEST_UPLOADS = 20, 150_000_000  # files that a tab may put in, and bytes of all of them
 LONGEST_STEM = 40  # characters of a name before its suffix
-TENSOR_UM = 0.45, 0.5, 0.55, 0.6, 0.65
 
 
 class Uploads:
@@ -167,10 +166,7 @@ def make_scene_download(content: Content, uploads: Uploads) -> tuple[str, bytes]
 def choose_tensor_wavelengths(content: Content) -> tuple[float, ...]:
     """The five wavelengths [um] of Mitsuba's tensor: the form's where these are five, else five from its first to its
     last, or those of the visible where it has one. Raises SceneError where they are none."""
-    given = list_page_wavelengths(content)
-    if len(given) < 2:
-        return TENSOR_UM
-    found = given if len(given) == len(TENSOR_UM) else np.linspace(given[0], given[-1], 5).round(3).tolist()
+    found = choose_five(list_page_wavelengths(content))
     try:
         check_wavelengths(found)
     except SceneError as error:
