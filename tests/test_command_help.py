@@ -27,7 +27,7 @@ COMMANDS: dict[str, Parser] = next(
     action.choices for action in make_parser()._actions if isinstance(action.choices, dict)
 )
 KINDS = common.STARTERS
-SLOW = ("fit", "sweep", "view", "render", "materials", "paint", "brdf", "field", "devices")
+SLOW = ("export", "fit", "sweep", "view", "render", "materials", "paint", "brdf", "field", "devices")
 INPUT = re.compile(r"[\w./-]+\.(toml|csv)$")
 
 

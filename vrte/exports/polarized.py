@@ -69,7 +69,7 @@ def make_axes(step_deg: float) -> Axes:
 
 
 def choose_five(listed: Sequence[float]) -> Sequence[float]:
-    """Five wavelengths [um]: those that are listed, or from the first of them to the last; else those of the visible."""
+    """Five wavelengths [um]: those that are listed, or from the first to the last of them; else of the visible."""
     if len(listed) < 2:
         return USUAL_UM
     ends = listed[0], listed[-1]
