@@ -12,7 +12,7 @@ import numpy as np
 from vrte.basics.arrays import Array, BoolArray, IntArray
 from vrte.basics.quadrature import make_double_gauss, make_refracted_nodes
 from vrte.discrete_ordinates.orders.media import Media
-from vrte.discrete_ordinates.orders.oriented_flakes import find_largest_albedo, find_tilt
+from vrte.discrete_ordinates.orders.oriented_flakes import find_largest_albedo
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.truncating import count_terms_carried, truncate_layers
 from vrte.optics.truncation import Truncated
@@ -24,7 +24,7 @@ from vrte.scene.scene import Scene
 
 LOBE = 6.0  # Fourier orders of a lobe times its width [rad]
 MOST_SURFACE_ORDERS = 256
-FINEST, EVEN = 1e-9, 4  # least accuracy of the Fourier orders of lobes of flakes; orders beside those counted
+FINEST, EVEN = 1e-9, 8  # least accuracy of the Fourier orders of lobes of flakes; orders beside those counted
 SAMPLES = 33  # directions of each kind that these are looked at in
 LAST_PLACES = 4.0  # rounding errors of a sum of thicknesses, in units in the last place
 
@@ -171,7 +171,7 @@ def count_flake_orders(scene: Scene, mu0: Array, mu: Array, tau: Array, accuracy
             out = np.unique(np.concatenate(seen))
             if into[-1] > 0.0 and out[-1] > 0.0:
                 pair = into[into > 0.0], out[out > 0.0]
-                orders = max(orders, count_orders_between(find_tilt(layer.flakes), *pair, accuracy))
+                orders = max(orders, count_orders_between(layer.flakes.width, *pair, accuracy))
     return orders
 
 

@@ -30,7 +30,7 @@ def assemble(problem: Problem, orders: IntArray, run: Run) -> Assembled:
     if problem.conserves and 0 in orders and not problem.is_exact:
         balance_flux(problem, result, int(np.argmax(orders == 0)))
     if any(problem.oriented):
-        add_flakes(problem, result, orders)
+        add_flakes(problem, result, orders, run.threads)
     return result
 
 

@@ -13,7 +13,6 @@ import numpy as np
 from vrte.basics.arrays import Array
 from vrte.basics.quadrature import count_panel_nodes, make_refracted_nodes
 from vrte.discrete_ordinates.orders.discretise import LOBE, count_lobe_orders, count_surface_orders
-from vrte.discrete_ordinates.orders.oriented_flakes import find_tilt
 from vrte.discrete_ordinates.orders.truncating import count_terms_carried, is_scalar
 from vrte.discrete_ordinates.planning.choice import is_too_steep
 from vrte.request.how import EXACT
@@ -200,7 +199,7 @@ def scatter_share(layer: Layer) -> float:
 
 def estimate_flake_error(scene: Scene, nodes: Array) -> Array:
     """Error by the narrowest lobe of flakes, from aluminium with tilts of 3 to 30 degrees, bare and under n = 1.5."""
-    tilts = [find_tilt(layer.flakes) for layer in scene.layers if layer.flakes is not None and layer.has_flakes]
+    tilts = [layer.flakes.width for layer in scene.layers if layer.flakes is not None and layer.has_flakes]
     if not tilts:
         return np.zeros_like(nodes)
     tilt = math.degrees(min(tilts))

@@ -7,7 +7,6 @@ import numpy as np
 
 from vrte.basics import cost
 from vrte.basics.arrays import Array
-from vrte.discrete_ordinates.orders.oriented_flakes import count_flake_points
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.single_interface import is_under_one_surface, round_orders
 from vrte.discrete_ordinates.orders.slabs import cut_layers, merge_materials, select_materials
@@ -103,8 +102,8 @@ def list_integrals(block: Block) -> Iterator[Integral]:
 def count_operations_of_flakes(problem: Problem) -> float:
     """Of the Fourier matrices of all orders, for each kind of flakes in each medium."""
     kinds = {id(one.flakes) for one in problem.oriented if one is not None}
-    rows = problem.directions.size
-    return len(kinds) * cost.FLAKES * count_flake_points(rows, problem.nodes.size, problem.coefficients.shape[1])
+    pairs = float(problem.directions.size) * (problem.nodes.size + cost.PIECES)
+    return len(kinds) * cost.FLAKES * pairs * (1.0 + problem.coefficients.shape[1] * cost.A_FLAKE_ORDER)
 
 
 def count_operations_of_layers(problem: Problem) -> float:
