@@ -6,6 +6,7 @@ import io
 import math
 import os
 import signal
+import time
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
@@ -113,6 +114,18 @@ def test_the_numbers_are_those_of_the_library(answered: tuple[AppearanceAnswerer
     now = find_colour(AT, other.spectra.over_white, "A", 2)
     assert other.changed[1] == close_to(find_difference(now, white), rtol=1e-9, atol=0.0)
     assert other.before == (found.black, found.white)
+
+
+@pytest.mark.parametrize("roughness", [0.1, 0.3, 0.6])
+def test_a_rough_paint_has_its_colours_within_seconds(roughness: float) -> None:
+    """All wavelengths in 1 to 2 s of one core; for a gloss paint of roughness 0.3 the viewer once never came back."""
+    begin, at = time.process_time(), []
+    task = make_task(change(DUST, "layer", 0, "interface", "roughness", to=roughness))
+    exchange = worker.Exchange(lambda _: at.append(time.process_time() - begin), lambda: False)
+    found: Any = worker.explain_failure(AppearanceAnswerer().answer, task, exchange)
+    assert at[0] < 10.0
+    assert len(found.readings) > 3
+    assert not found.why_none
 
 
 def test_coarse_colours_come_first_and_gloss_and_hiding_last(

@@ -583,6 +583,24 @@ def test_a_slider_changes_the_colours_at_once(open_tab: Callable[..., Tab]) -> N
     tab.waits_for(SWATCH_CHANGES, arg=after)
 
 
+def test_a_rough_paint_is_shown_and_the_page_answers_meanwhile(tab: Tab) -> None:
+    paint = (ROOT / "vrte/paints/white_gloss.toml").read_text(encoding="utf-8").partition("[paint]")[2]
+    surface = "surface = { roughness = 0.3 }\n[brdf]\nmu_i = [0.5]\nmu_o = [0.2, 0.5, 0.9]\nphi_deg = [0, 180]\n"
+    tab.evaluate(DROP, [f"wavelength_um = 0.55\n[paint]{paint}{surface}", "rough.toml"])
+    tab.holds("thickness [µm]", "60")
+    tab.solve()
+    tab.says(re.compile("^Solved: "))
+    tab.go_to("Appearance")
+    colour = tab.page.get_by_role("img", name=re.compile("^colour over black: #[0-9a-f]{6}$"))
+    before = colour.get_attribute("aria-label")
+    tab.slide("thickness [µm]", 0.3)
+    for name in ("Cuts", "Reflectance", "Plan"):
+        tab.go_to(name)
+    tab.says("transmission: not asked for")
+    tab.go_to("Appearance")
+    tab.waits_for(SWATCH_CHANGES, arg=before)
+
+
 def test_a_result_file_is_shown_from_the_start(open_tab: Callable[..., Tab], tmp_path: Path) -> None:
     scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)])
     vrte.brdf(scene, [0.6, 1.0], np.linspace(0.05, 1.0, 20), np.arange(0, 361, 10), nodes=4).save(tmp_path / "r.nc")
