@@ -184,6 +184,28 @@ def test_layers_are_made_in_the_words_of_paint() -> None:
     assert vrte.Scene([vrte.Layer.of(METAL, flake_area=np.inf)]).thickness == np.inf
 
 
+def test_a_layer_scales_with_its_thickness() -> None:
+    alone, both = vrte.Layer.of(METAL, flake_area=2.0), vrte.Layer(vrte.isotropic(), 0.5, 1.0, None, METAL, 2.0)
+    assert alone.scale(1.5).flake_area == 3.0
+    assert alone.scale(np.inf).extent == np.inf
+    assert (both.scale(2.0).thickness, both.scale(2.0).flake_area) == (2.0, 4.0)
+    assert vrte.Layer(vrte.isotropic(), 0.5, 1.0).scale(np.inf).thickness == np.inf
+    with pytest.raises(vrte.SceneError, match="side by side cannot be semi-infinite"):
+        both.scale(np.inf)
+
+
+def test_a_film_of_flakes_hides_and_has_no_k_and_s() -> None:
+    film = {"flakes": {"index": [1.0, 6.0]}, "volume_fraction": 0.05, "flake_thickness_um": 0.3, "thickness_um": 6.0}
+    content = {"wavelength_um": 0.55, "paint": {**film, "binder": 1.5, "surface": "none"}}
+    look = vrte.appearance(content, np.linspace(0.4, 0.72, 9), ["45:0"], nodes=6)
+    thin, thick = (look.panel.scale_film(times).scenes[0].layers[0].extent for times in (1.0, 2.5))
+    assert thick == 2.5 * thin == 2.5 * 0.05 / 0.3 * 6.0
+    found = look.hiding()
+    assert 0.5 < found.contrast_ratio < 1.0
+    with pytest.raises(vrte.SceneError, match="K and S are of light that is even inside the film, and flakes"):
+        look.kubelka_munk()
+
+
 def test_a_method_without_flakes_refuses_them_by_name() -> None:
     scene = vrte.Scene([vrte.Layer(vrte.isotropic(), 0.5, 1.0, None, METAL, 2.0)])
     assert scene.thickness == 3.0

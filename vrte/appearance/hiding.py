@@ -338,7 +338,7 @@ def find_contrast(panel: Panel, conditions: Conditions | None = None, progress: 
 def find_hiding(panel: Panel, conditions: Conditions | None = None, progress: Progress | None = None) -> Hiding:
     """How well a panel's film hides black and white cards, and the thickness, to 1e-3 of itself, of the contrast ratio
     that counts as hidden; the number of solves that ``progress`` gets is a guess until the end."""
-    thickness = max(scene.layers[panel.film].thickness for scene in panel.scenes)
+    thickness = max(scene.layers[panel.film].extent for scene in panel.scenes)
     if not 0.0 < thickness < math.inf:
         how = "semi-infinite, and hides everything" if thickness > 0.0 else "without thickness"
         raise SceneError(f"hiding: the film is {how}: give it a thickness to begin with, above 0 and not inf", "layer")

@@ -178,7 +178,7 @@ def paint(
     scene : path or mapping, optional
         A scene file with a table [paint], or any other whose film lies in one layer; or its content. Without it, the
         keys of [paint] are given as keywords: pigment, volume_fraction, binder, thickness_um, surface, substrate,
-        packing, particles (docs/how_to/materials.md).
+        packing, particles, flakes, flake_area, flake_thickness_um (docs/how_to/materials.md).
     {wavelengths_um, illuminant, observer}
     white : float, optional
         Albedo of the white card, 0.8 on drawdown charts.

@@ -66,7 +66,8 @@ class Panel:
         if self.layer is not None:
             return check_whole("layer", self.layer, 1, count) - 1
         layers = self.scenes[0].layers
-        for some in ([layer.albedo * layer.thickness > 0.0 for layer in layers], [one.thickness > 0 for one in layers]):
+        scattering = [layer.has_flakes or layer.albedo * layer.thickness > 0.0 for layer in layers]
+        for some in (scattering, [layer.extent > 0.0 for layer in layers]):
             if sum(some) == 1:
                 return some.index(True)
         which = f"there are {count} layers, of which {sum(some)} have a thickness" if count > 1 else "it is empty"
@@ -112,10 +113,9 @@ class Panel:
 
         def scale(scene: Scene) -> Scene:
             film = scene.layers[index]
-            if np.isinf(film.thickness):
+            if np.isinf(film.extent):
                 raise SceneError("the film is semi-infinite, and can be made no thicker: give it a thickness_um")
-            thick = replace(film, thickness=film.thickness * times if ends else np.inf)
-            layers = *scene.layers[:index], thick, *scene.layers[index + 1 : stop]
+            layers = *scene.layers[:index], film.scale(times), *scene.layers[index + 1 : stop]
             below = (scene.base, scene.interfaces) if ends else (None, (*scene.interfaces[:stop], None))
             return Scene(layers, *below)
 

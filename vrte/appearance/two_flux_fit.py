@@ -225,6 +225,8 @@ def check_film(panel: Panel) -> None:
     """Raises SceneError for other layers and interfaces than one film under a surface."""
     film = panel.film
     for scene in panel.scenes:
+        if scene.has_flakes:
+            raise SceneError("K and S are of light that is even inside the film, and flakes send it on in lobes")
         others = [layer.thickness > 0.0 for index, layer in enumerate(scene.layers) if index != film]
         if any(others) or any(scene.interfaces[1:]) or not 0.0 < scene.layers[film].thickness < np.inf:
             raise SceneError(

@@ -85,6 +85,16 @@ class Layer:
         flakes = self.flakes is not None and self.has_flakes and not self.flakes.is_conserving
         return flakes or (self.albedo < 1.0 and self.thickness > 0.0)
 
+    def scale(self, times: float) -> "Layer":
+        """The layer ``times`` as thick, >= 0; math.inf: semi-infinite. Raises SceneError for that of flakes beside
+        particles."""
+        times = check_number("times", times, 0.0, math.inf, "how many times as thick, >= 0")
+        if math.isfinite(times):
+            return replace(self, thickness=self.thickness * times, flake_area=self.flake_area * times)
+        if self.thickness and self.flake_area:
+            raise SceneError("layer: particles and flakes side by side cannot be semi-infinite: either alone can")
+        return replace(self, flake_area=times) if self.flake_area else replace(self, thickness=times)
+
     def put_in_medium(self, index: float) -> "Layer":
         """The same layer in a medium of another refractive index; itself where it has none of its own."""
         if self.host_index is None:
@@ -149,8 +159,8 @@ class Layer:
 
         Oriented flakes take the place of particles, or lie beside them as ``flakes``. ``flake_area`` is their area, one
         side, over that of the layer. Alone they may be given by ``volume_fraction``, ``flake_thickness_um`` and
-        ``thickness_um``, an area of volume_fraction/flake_thickness_um thickness_um. Where the host absorbs flakes
-        alone need ``thickness_um``.
+        ``thickness_um``, an area of volume_fraction/flake_thickness_um thickness_um. Where the host
+        absorbs more than 3.2e-5 a micrometre flakes alone need ``thickness_um``; less is left out.
         """
         if isinstance(particles, Flakes):
             if thickness is not None or flakes is not None or packing != INDEPENDENT:
@@ -221,7 +231,7 @@ def _fill_with_flakes(
     elif (flakes.host_absorption > CLEAR_HOST) != (length_um is not None):
         why = "is needed beside flake_area: the host absorbs" if length_um is None else "is not used: the host is clear"
         raise SceneError.of("layer: thickness_um", why)
-    absorbed = length * flakes.host_absorption if flakes.host_absorption else 0.0
+    absorbed = length * flakes.host_absorption if flakes.host_absorption > CLEAR_HOST else 0.0
     return Layer(isotropic(), 0.0, absorbed, None, flakes, area)  # type: ignore[arg-type]  # checked there
 
 
