@@ -218,6 +218,8 @@ def test_extinction_and_scattering_times_c_are_a_layer_c_times_as_thick(
     found = slab_response.respond(way, of_flakes, *asked, quick=False)
     monkeypatch.undo()
     right = slab_response.respond(way, inside, material, np.array([0.6]), orders, run, quick=False)
+    if way == "modes":
+        found, right = found.expand(), right.expand()
     for name in ("nodes", "entering", "leaving", "passing"):
         one, other = getattr(found, name), getattr(right, name)
         assert_close(one, other, rtol=0.0, atol=1e-14 * np.abs(other).max(), err_msg=name)

@@ -24,7 +24,7 @@ from vrte.discrete_ordinates.orders.modes import Modes
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.routes import make_route
 from vrte.discrete_ordinates.orders.single_interface import SingleInterface
-from vrte.discrete_ordinates.orders.slab_response import respond
+from vrte.discrete_ordinates.orders.slab_response import respond, respond_by_modes
 from vrte.discrete_ordinates.orders.stages import complain_of_order
 from vrte.scene.boundary import BLACK, Boundary
 
@@ -252,7 +252,7 @@ def test_slabs_by_modes_do_what_doubled_ones_do(layer: vrte.Layer) -> None:
     problem, orders = problem_of([layer]), np.arange(3, dtype=np.int32)
     thickness = np.array([0.0, 1e-12, 1e-3, 0.7, 3.0, 40.0, np.inf])
     given = problem, np.zeros(thickness.size, np.int32), thickness, orders, Run(1)
-    by_modes, doubled = (respond(name, *given, quick=False) for name in ("modes", "doubling"))
+    by_modes, doubled = respond_by_modes(*given, quick=False).expand(), respond("doubling", *given, quick=False)
     for name in ("nodes", "entering", "leaving", "passing"):
         for found, right, tau in zip(getattr(by_modes, name), getattr(doubled, name), thickness, strict=True):
             assert_close(found, right, rtol=0.0, atol=3e-13 * max(1.0, float(np.abs(right).max())))

@@ -27,7 +27,7 @@ from vrte.discrete_ordinates.orders.homogeneous import Modes, find_modes
 from vrte.discrete_ordinates.orders.media import ARRIVING, ENTERING, LEAVING, RISING
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble, balance_flux
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.refracting import CUT, ROUGH, SMOOTH, Medium, Refracting, Slabs, spread
+from vrte.discrete_ordinates.orders.refracting import CUT, ROUGH, SMOOTH, Medium, Refracting, spread
 from vrte.discrete_ordinates.orders.slab_response import Response, respond_by_doubling, respond_with_modes
 from vrte.scene.boundary import Boundary
 
@@ -189,7 +189,7 @@ def respond(medium: Medium, orders: IntArray, matrices: Assembled, modes: Modes,
     asked = medium.problem, medium.material, medium.thickness, orders
     if (np.isfinite(medium.thickness) & (medium.thickness > DIM)).any():
         return respond_by_doubling(*asked, run, matrices)
-    return respond_with_modes(*asked, matrices, modes, run)
+    return respond_with_modes(*asked, matrices, modes, run).expand()
 
 
 def lay_out(beams: Array) -> Array:
@@ -243,7 +243,7 @@ class Fields:
             find_modes(one.problem, orders, sheet, run, route.quick)
             for one, sheet in zip(route.each, self.sheets, strict=True)
         ]
-        self.slabs: Slabs = [
+        self.slabs: list[tuple[Medium, Response]] = [
             (one, respond(one, orders, sheet, modes, run))
             for one, sheet, modes in zip(route.each, self.sheets, self.modes, strict=True)
         ]

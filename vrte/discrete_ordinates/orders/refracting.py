@@ -4,7 +4,7 @@ Light is counted as radiance over the square of the refractive index, scaled on 
 both are the same on either side of an interface, which then only shares out what comes.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,13 +17,13 @@ from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.beam_paths import BeamPaths
 from vrte.discrete_ordinates.orders.media import ARRIVING, ENTERING, LEAVING, RISING
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.slab_response import Response
+from vrte.discrete_ordinates.orders.slab_response import Responding, take_slabs
 from vrte.discrete_ordinates.orders.slabs import find_materials, select_materials
 from vrte.discrete_ordinates.orders.solved import Orders
 from vrte.scene.boundary import Boundary
 
 # R and T of slabs (slab,) of a problem's layers, taken as materials: problem, material, thickness, orders, run
-Responder = Callable[[Problem, IntArray, Array, IntArray, Run], Response]
+Responder = Callable[[Problem, IntArray, Array, IntArray, Run], Responding]
 CUT, SMOOTH, ROUGH = range(3)  # kinds of interfaces in core/stack.pxi
 
 
@@ -41,10 +41,10 @@ class Medium:
 
     def take(self, parts: Array) -> Array:
         """Of every piece what its slab has, (slab, ...)."""
-        return parts if np.array_equal(self.of, np.arange(len(parts))) else parts[self.of]
+        return take_slabs(self.of, parts)
 
 
-Slabs = list[tuple[Medium, Response]]  # those of each medium
+Slabs = Sequence[tuple[Medium, Responding]]  # those of each medium
 
 
 class Refracting(BeamPaths):
@@ -125,12 +125,13 @@ class Refracting(BeamPaths):
         slabs = self.find_slabs(orders, run)
         light = self.set_out(orders, slabs)
         residuals = {"residual_of_adding": self.join(orders, slabs, light, run)}
+        problem, fluxes = self.problem, np.zeros((2, self.problem.level.size, self.problem.n_rhs))
+        sent = self.send(orders, slabs, light)
         for _, response in slabs:
             for key, values in response.residuals.items():
                 residuals[key] = np.maximum(residuals.get(key, 0.0), values.max(axis=0))
-        problem, fluxes = self.problem, np.zeros((2, self.problem.level.size, self.problem.n_rhs))
         with run.timed("joining"):
-            kernels = self.look(self.send(orders, slabs, light) + self.send_beams(slabs, self.falling, self.mirrored))
+            kernels = self.look(sent + self.send_beams(slabs, self.falling, self.mirrored))
             if problem.conserves and orders[0] == 0:
                 fluxes = self.sum_fluxes(light[0])
         tail = (problem.level.size, problem.mu0.size, problem.columns.shape[0])
@@ -212,14 +213,6 @@ class Refracting(BeamPaths):
                 found = found.reshape(*found.shape[:3], -1, found.shape[-1]).swapaxes(0, 1)
                 yield from ((end, found[:, :, end ^ below]) for end in range(2))
 
-    def scatter(self, medium: Medium, blocks: Array, light: Array) -> Array:
-        """What slabs make by blocks (slab, order, 2, x, n) of light on the nodes (order, interface, 4, r, n), up at the
-        top and down at the bottom: (2, order, piece, r, x)."""
-        own = light[..., light.shape[-1] - blocks.shape[-1] :]
-        rows = medium.take(blocks).swapaxes(0, 1).swapaxes(-1, -2)
-        above, below = own[:, medium.pieces, ENTERING], own[:, medium.pieces + 1, LEAVING]
-        return np.stack([above @ rows[:, :, end] + below @ rows[:, :, 1 - end] for end in range(2)])
-
     def send(self, orders: IntArray, slabs: Slabs, light: Array) -> Array:
         """What light on the nodes (order, interface, 4, r, n) sends along the sights, (order, source, r, n_sight S)."""
         sent = self.send_slabs(slabs, light)
@@ -236,8 +229,10 @@ class Refracting(BeamPaths):
         rows = self.sights.cosines.shape[1] * len(self.problem.stokes)
         sent = np.zeros((len(light), len(self.sources), light.shape[-2], rows))
         for medium, response in slabs:
-            for end, own in enumerate(self.scatter(medium, response.leaving, light)):
-                sent[:, 2 * medium.pieces + end] = own / medium.index
+            own = light[..., light.shape[-1] - response.nodes.shape[-1] :]
+            above, below = own[:, medium.pieces, ENTERING], own[:, medium.pieces + 1, LEAVING]
+            for end, leaves in enumerate(response.send(medium.of, above, below)):
+                sent[:, 2 * medium.pieces + end] = leaves / medium.index
         return sent
 
     def send_beams(self, slabs: Slabs, falling: Array, mirrored: Array) -> Array:

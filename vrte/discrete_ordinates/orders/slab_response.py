@@ -6,6 +6,7 @@ the same to light from above and from below.
 """
 
 from dataclasses import dataclass, field
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -16,6 +17,23 @@ from vrte.discrete_ordinates.orders.homogeneous import Modes, find_modes
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.stages import list_known, run_stage
+
+
+class Responding(Protocol):
+    """What slabs do to all light, however it is found: as `Response`, but for light that leaves the nodes."""
+
+    @property
+    def nodes(self) -> Array: ...
+    @property
+    def entering(self) -> Array: ...
+    @property
+    def passing(self) -> Array: ...
+    @property
+    def residuals(self) -> dict[str, Array]: ...
+
+    def send(self, of: IntArray, above: Array, below: Array) -> Array:
+        """What pieces, each of a slab, of (piece,), send of light on the nodes (order, piece, r, n) from above and from
+        below, up at the top and down at the bottom: (2, order, piece, r, o)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,10 +48,73 @@ class Response:
     passing: Array
     residuals: dict[str, Array] = field(default_factory=dict)
 
+    def send(self, of: IntArray, above: Array, below: Array) -> Array:
+        """See `Responding`."""
+        rows = take_slabs(of, self.leaving).swapaxes(0, 1).swapaxes(-1, -2)
+        return np.stack([above @ rows[:, :, end] + below @ rows[:, :, 1 - end] for end in range(2)])
+
+
+class ModalResponse:
+    """Slabs by modes: what leaves them is found of the light that falls upon them, once that is known."""
+
+    def __init__(self, known: dict[str, Any], residual_of_modes: Array, run: Run) -> None:
+        self.known, self.run = known, run
+        found = run_stage("respond", dict(known), run)
+        self.nodes, self.entering = (found[name].swapaxes(-1, -2) for name in ("nodes", "entering"))
+        self.passing = np.zeros((*self.nodes.shape[:3], 0, 0))  # until light leaves
+        self.residuals = {"residual_of_modes": residual_of_modes, "residual_of_boundary": found["residual"]}
+
+    def send(self, of: IntArray, above: Array, below: Array) -> Array:
+        """See `Responding`: the light of all pieces of a slab together, unless that is more than along every node."""
+        most, (r, n) = int(np.bincount(of).max()), above.shape[2:]
+        if most * r >= n:
+            return self.expand().send(of, above, below)
+        rank = rank_within(of)
+        lights = np.zeros((2, len(self.nodes), above.shape[0], most, r, n))
+        for own, light in zip(lights, (above, below), strict=True):
+            own[of, :, rank] = light.swapaxes(0, 1)
+        leaving = self.leave(*lights.reshape(*lights.shape[:3], most * r, n))
+        leaving = leaving.reshape(*leaving.shape[:3], most, r, leaving.shape[-1])
+        return leaving[of, :, :, rank].transpose(2, 1, 0, 3, 4)
+
+    def leave(self, above: Array, below: Array) -> Array:
+        """What leaves of light (slab, order, columns, n) from above and from below, (slab, order, 2, columns, o)."""
+        found = run_stage("leave_slabs", self.known | {"light_above": above, "light_below": below}, self.run)
+        self.passing = found["passing"].swapaxes(-1, -2)
+        worst = np.maximum(self.residuals["residual_of_boundary"], found["residual"])
+        self.residuals = self.residuals | {"residual_of_boundary": worst}
+        leaving: Array = found["leaving"]
+        return leaving
+
+    def expand(self) -> Response:
+        """The same with the matrices of all light that leaves."""
+        slabs, orders, _, n, _ = self.nodes.shape
+        along = np.ascontiguousarray(np.broadcast_to(np.eye(n), (slabs, orders, n, n)))
+        leaving = self.leave(along, np.zeros_like(along)).swapaxes(-1, -2)
+        return Response(self.nodes, self.entering, leaving, self.passing, self.residuals)
+
+
+def take_slabs(of: IntArray, parts: Array) -> Array:
+    """Of every piece, of (piece,), what its slab has, (slab, ...)."""
+    return parts if np.array_equal(of, np.arange(len(parts))) else parts[of]
+
+
+def rank_within(of: IntArray) -> IntArray:
+    """How many pieces before each are of the same slab.
+
+    >>> rank_within(np.array([0, 1, 0, 0]))
+    array([0, 0, 1, 2])
+    """
+    order = np.argsort(of, kind="stable")
+    first = np.searchsorted(of[order], of)
+    found = np.empty_like(of)
+    found[order] = np.arange(of.size) - first[order]
+    return found
+
 
 def respond(
     name: str, problem: Problem, material: IntArray, thickness: Array, orders: IntArray, run: Run, quick: bool
-) -> Response:
+) -> Responding:
     """Of slabs (slab,) of the problem's layers, taken as materials, with unit Stokes vectors as its columns; its mu_out
     are seen from above and from below."""
     if name == "doubling":
@@ -81,7 +162,7 @@ def make_flux_axis(problem: Problem) -> Array:
 
 def respond_by_modes(
     problem: Problem, material: IntArray, thickness: Array, orders: IntArray, run: Run, quick: bool
-) -> Response:
+) -> ModalResponse:
     """By the modes of each material, see core/response.pxi."""
     matrices = assemble(problem, orders, run)
     modes = find_modes(problem, orders, matrices, run, quick)
@@ -96,11 +177,9 @@ def respond_with_modes(
     matrices: Assembled,
     modes: Modes,
     run: Run,
-) -> Response:
+) -> ModalResponse:
     """By modes that are known."""
     known = list_known(problem, orders, False) | vars(matrices) | vars(modes)
     run_stage("particular", known, run)
-    found = run_stage("respond", known | {"material": material, "thickness": thickness}, run)
-    residuals = {"residual_of_modes": modes.residual.T[material], "residual_of_boundary": found["residual"]}
-    parts = {name: found[name].swapaxes(-1, -2) for name in ("nodes", "entering", "leaving", "passing")}
-    return Response(**parts, residuals=residuals)
+    known |= {"material": material, "thickness": thickness}
+    return ModalResponse(known, modes.residual.T[material], run)

@@ -13,7 +13,11 @@ from vrte.discrete_ordinates.orders.boundary import OPEN, Top
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.solved import Orders
 
-TIMED = {"respond": "boundary", "reconstruct": "reconstruction"}  # as what stages are timed that have another name
+TIMED = {
+    "respond": "boundary",
+    "leave_slabs": "reconstruction",
+    "reconstruct": "reconstruction",
+}  # as what stages are timed that have another name
 OF_LAYERS = ("G_E", "G_F", "lam_re", "lam_im", "X", "Y", "c", "zeta")  # what is found of each material
 RESIDUALS = ("residual_of_modes", "residual_of_boundary")
 
