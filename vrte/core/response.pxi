@@ -76,8 +76,9 @@ cdef int respond_one(const void* task, int item, Workspace desk) noexcept nogil:
 
 
 cdef void both_faces(bint decaying, size_t nk, doubles even, doubles odd) noexcept nogil:
-    """Of columns as if lit from above, those of light from above and then those of light from below: modes of the former
-    with the latter from below, and the other way round, since what goes down is what goes up of the slab upside down."""
+    """Of columns as if lit from above, those of light from above and then those of light from below: modes of the
+    former with the latter from below, then the other way round: what goes down is what goes up of the slab upside
+    down."""
     cdef size_t i
     cdef double e, o
     for i in range(nk):
