@@ -158,6 +158,7 @@ def list_calls(made: dict[str, Any]) -> list[Case]:
         (vrte.Layer.clear, {"thickness_um": 1.0, "host_index": 1.5, "wavelength_um": 0.5}),
         (vrte.Measurement, {"quantity": "f00", "value": 0.1, "theta_i_deg": 0.0, "theta_o_deg": 10.0}),
         (made["measurement"].pick, {"rows": [0]}),
+        (made["measurement"].join, {"others": [made["measurement"]]}),
         (made["measurement"].measure, {"value": 0.5}),
         (made["measurement"].predict, {"scene": SCENE, "nodes": 2}),
         (made["measurement"].save, {"path": "rows.csv"}),

@@ -11,8 +11,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import vrte
+from vrte.fit.files import read_fit
 
-from .helpers import assert_close
+from .helpers import assert_close, run
 
 CXF = """<?xml version="1.0" encoding="UTF-8"?>
 <cc:CxF xmlns:cc="http://colorexchangeformat.com/CxF3-core"><cc:Resources><cc:ObjectCollection>
@@ -75,7 +76,7 @@ SPECTRA: list[tuple[str | bytes, dict[str, Any], str]] = [
     ("Sample,400,410,420,430\nWhite,50,60,70,80\n", {}, "spectra in rows, wavelengths 400 to 430 nm in heads"),
     ("400,410,420,430\n50,60,70,80\n", {}, "spectra in rows"),
     ("Wavelength;R\nnm;%\n400;50\n410;60\n420;70\n430;80\n", {}, "in 'Wavelength (nm)': by the head"),
-    (SPECTRUM + "440\t-\n", {}, "1 rows of 'White (%)' without a number are left out"),
+    (SPECTRUM + "440\t-\n", {}, "1 rows of 'White' without a number are left out"),
     (GERMAN.encode("cp1252").replace(b"0,5\r", b"0,50\r"), NAMED, "text in Latin-1 (Windows)"),
     (CARY, {"sample": 1}, "values of 'White %R', 1 of 2 samples"),
     (MINOLTA, {"sample": "A", "geometry": None}, "geometry SCE: as the file says"),
@@ -212,7 +213,7 @@ REFUSED: list[tuple[str | bytes, dict[str, Any], str]] = [
     (CGATS.replace("Black 10", "10"), {}, "CGATS: 15 values in BEGIN_DATA must be a multiple of the 8 names"),
     (CGATS + "BEGIN_DATA\n", {}, "line 13: a second BEGIN_DATA: a file holds one table"),
     # keywords
-    (SPECTRUM, {"sample": "Grey"}, "sample must be one of 'White (%)', or its number from 1, not 'Grey'"),
+    (SPECTRUM, {"sample": "Grey"}, "sample must be one of 'White', or its number from 1, not 'Grey'"),
     (SPECTRUM, {"sample": 2}, "sample must be one of"),
     (SPECTRUM, {"columns": {"colour": "nm"}}, "columns names 'wavelength_um', 'theta_i_deg'"),
     (SPECTRUM, {"columns": {"value": "Grey"}}, "columns has no column 'Grey' for value"),
@@ -322,3 +323,63 @@ def read_or_refuse(path: Path, **keywords: Any) -> vrte.Measurement | None:
 def test_any_bytes_are_read_or_refused_in_one_sentence(content: bytes, where: int, tmp_path: Path) -> None:
     for whole in (content, CGATS.encode()[:where] + content + CGATS.encode()[where:]):
         read_or_refuse(write(tmp_path, whole), geometry="8:di")
+
+
+def test_the_command_says_what_was_understood_and_what_is_missing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path, "Wellenlänge;schwarz (%);weiß (%)\n450;60;65\n550;70;73\n", "card.txt")
+    assert run("measurement", "card.txt", "--column", "wavelength_um=1") == 2
+    out, complaint = capsys.readouterr()
+    assert "wavelengths 450 to 550 nm in 'Wellenlänge': by their size\n" in out
+    assert "\nmissing: sample='schwarz' takes one, base={'schwarz': 0.0, 'weiß': 0.8} takes" in out
+    assert "\nmissing: geometry='8:di'" in out
+    assert complaint == "vrte: error: card.txt: say what is missing by --sample, --geometry\n"
+    bases = ("--base", "schwarz=0", "--base", "weiß=0.8", "-o", "card.csv")
+    assert run("measurement", "card.txt", "--column", "wavelength_um=1", "--geometry", "SCE", *bases) == 0
+    assert "\nreflectance: 4 rows, 0.6 to 0.73\nwrote card.csv" in capsys.readouterr().out
+    found = vrte.read_measurement("card.csv")
+    assert (found.base.tolist(), found.geometry[0]) == ([0.0, 0.0, 0.8, 0.8], "SCE")
+    assert run("measurement", "card.csv") == 0
+    assert run("init", "measurement") == 0
+    assert run("measurement", "measurement.csv", "--sigma", "0.1") == 2
+    assert "sigma is in the file" in capsys.readouterr().err
+    assert run("init", "measurement", "-o", "x.toml") == 2
+
+
+def test_a_fit_takes_files_of_instruments_and_several_of_them(tmp_path: Path) -> None:
+    layer = 'layer = [{ phase = "rayleigh", albedo = 0.9, thickness = 0.7 }]'
+    content = f'{layer}\nnodes = 4\n[fit]\nfree = ["layer[1].albedo"]\n'
+    entry = '{ file = "black.txt", geometry = "8:di", base = 0.0, wavelength_um = 0.5 }'
+    write(tmp_path, "nm;R\n500;0,4\n", "black.txt")
+    write(tmp_path, "quantity,value,base,geometry\nreflectance,0.6,0.8,8:di\n", "white.csv")
+    for asked in (
+        f'[{entry.replace(", wavelength_um = 0.5", "")}, "white.csv"]',
+        '[{ file = "white.csv" }, "white.csv"]',
+    ):
+        measured = read_fit(write(tmp_path, f"{content}measurement = {asked}\n", "fit.toml")).measurement
+        assert len(measured) == 2
+        assert measured.value[1] == 0.6
+    for asked, words in (
+        (entry, "wavelength_um was given, and nothing that was read needs it"),
+        ("[]", "must be the name of a file, a table with its file, or a list of these"),
+        ("3", "must be the name of a file"),
+        ('{ file = "black.txt", geomtry = "8:di" }', "unknown key; did you mean"),
+        ('{ file = "black.txt", geometry = 8 }', "geometry must be a text"),
+        ('{ file = "black.txt", theta_i_deg = "8" }', "theta_i_deg must be a number"),
+        ('{ file = "black.txt" }', "geometry='8:di'"),
+    ):
+        with pytest.raises(vrte.SceneError, match=re.escape(words)):
+            read_fit(write(tmp_path, f"{content}measurement = {asked}\n", "fit.toml"))
+
+
+def test_measurements_of_several_files_are_joined(tmp_path: Path) -> None:
+    black = vrte.read_measurement(write(tmp_path, SPECTRUM), geometry="8:di", base=0.0)
+    gloss = vrte.Measurement("L", 90.0, geometry="45:0")
+    both = black.join([gloss, gloss])
+    assert (both.names, len(both)) == (("reflectance", "L"), 6)
+    assert both.understood == black.understood
+    assert both.base.tolist()[:4] == [0.0] * 4
+    with pytest.raises(vrte.SceneError, match="sigma is missing"):
+        black.join([vrte.Measurement("L", 90.0, 0.1, geometry="45:0")])

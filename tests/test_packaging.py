@@ -22,7 +22,7 @@ ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 RELEASED = re.findall(r"^## \[(\d\S*)\]", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
 SOURCES = ("pyproject.toml", "setup.py", "MANIFEST.in", "README.md", "LICENSE", "CHANGELOG.md", "CONTRIBUTING.md")
-DATA = {"cl": "*.cl", "materials": "*.toml", "paints": "*.toml", "starters": "*.toml"}  # files of the package
+DATA = {"cl": "*.cl", "materials": "*.toml", "paints": "*.toml", "starters": "*.*"}  # files of the package
 USE_IT = """
 import importlib.metadata, importlib.resources, sys
 import vrte, vrte._core

@@ -19,7 +19,8 @@ from vrte.basics.errors import AccuracyError, DeviceError, MissingExtraError, Sc
 
 _TABLES = tomllib.loads(Path(__file__).with_name("commands.toml").read_text("utf-8"))
 COMMANDS: dict[str, dict[str, Any]] = _TABLES["commands"]
-STARTERS: dict[str, tuple[str, str]] = _TABLES["starters"]  # by kind: the command that solves it, and what it is of
+STARTERS: dict[str, tuple[str, str]] = _TABLES["starters"]  # by kind: the command that reads it, and what it is of
+FOLDER = Path(__file__).parents[1] / "starters"
 OF_KEYS: dict[str, str] = {key: page for page, keys in _TABLES["pages"].items() for key in keys}
 OF_ERRORS: dict[type[BaseException], str] = {
     AccuracyError: "reference/stability.md",
@@ -27,6 +28,15 @@ OF_ERRORS: dict[type[BaseException], str] = {
     MissingExtraError: "how_to/install.md",
     SweepError: "how_to/sweeps.md",
 }
+
+
+def find_starter(kind: str) -> Path:
+    """The file that `vrte init` copies.
+
+    >>> find_starter("snow").name
+    'snow.toml'
+    """
+    return next(FOLDER.glob(f"{kind}.*"))
 
 
 def find_page(error: BaseException) -> str | None:
@@ -95,7 +105,8 @@ class Parser(argparse.ArgumentParser):
     def list_sources(self) -> str:
         """The sources of the examples' scene files, for help."""
         words = [word for line, _ in self.examples for word in line.split() if "vrte init" not in line]
-        notes = [f"`vrte init {kind}` writes {kind}.toml" for kind in STARTERS if f"{kind}.toml" in words]
+        files = {kind: find_starter(kind).name for kind in STARTERS}
+        notes = [f"`vrte init {kind}` writes {name}" for kind, name in files.items() if name in words]
         notes += ["examples/ is in the source tree"] if any(word.startswith("examples/") for word in words) else []
         return f" ({', '.join(notes)})" if notes and self.page else ""
 

@@ -1,4 +1,4 @@
-"""`vrte init`: a commented scene file to begin with."""
+"""`vrte init`: a commented scene file to begin with, or a table for what was measured."""
 
 import argparse
 import importlib.util
@@ -6,10 +6,8 @@ import shlex
 from pathlib import Path
 
 from vrte.basics.errors import SceneError
-from vrte.commands.common import STARTERS, write
+from vrte.commands.common import STARTERS, find_starter, write
 from vrte.formats.atomic import write_text
-
-FOLDER = Path(__file__).parents[1] / "starters"
 
 
 def check(options: argparse.Namespace) -> None:
@@ -18,7 +16,9 @@ def check(options: argparse.Namespace) -> None:
         if options.output or options.force:
             raise SceneError(f"{'-o' if options.output else '--force'} needs a kind before it: {', '.join(STARTERS)}")
         return
-    options.output = options.output or Path(f"{options.kind}.toml")
+    options.output = options.output or Path(find_starter(options.kind).name)
+    if options.output.suffix.lower() != find_starter(options.kind).suffix:
+        raise SceneError(f"{options.output} must end in {find_starter(options.kind).suffix}, as {options.kind} does")
     if options.output.is_file() and not options.force:
         raise SceneError(f"{options.output} is there already: -o names another file, --force writes over it")
 
@@ -26,13 +26,14 @@ def check(options: argparse.Namespace) -> None:
 def run(options: argparse.Namespace) -> None:
     if options.kind is None:
         for kind, (_, purpose) in STARTERS.items():
-            print(f"{kind:8}{purpose}")
+            print(f"{kind:12}{purpose}")
         print("next: vrte init powder")
         return
-    starter = (FOLDER / f"{options.kind}.toml").read_text("utf-8")
+    starter = find_starter(options.kind).read_text("utf-8")
     write(options.output, lambda path: write_text(starter, path))
     print(f"next: {suggest_next(options.kind, options.output)}")
-    print(f"in a browser: {shlex.join(['vrte', 'view', str(options.output)])}")
+    if options.output.suffix.lower() == ".toml":
+        print(f"in a browser: {shlex.join(['vrte', 'view', str(options.output)])}")
 
 
 def suggest_next(kind: str, path: Path) -> str:
@@ -44,5 +45,5 @@ def suggest_next(kind: str, path: Path) -> str:
     """
     draws = importlib.util.find_spec("matplotlib") is not None
     output = ["--plot", path.with_suffix(".png")] if draws else ["-o", path.with_suffix(".csv")]
-    output = [] if kind == "paint" else output
+    output = [] if kind in ("paint", "measurement") else output
     return shlex.join(["vrte", STARTERS[kind][0], str(path), *map(str, output)])

@@ -11,8 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from vrte.basics.arguments import check_arguments
 from vrte.basics.arrays import check_whole
 from vrte.basics.errors import SceneError
+from vrte.fit.instruments import KEYWORDS
 from vrte.fit.measurement import COLUMNS, Measurement, read_measurement
 from vrte.fit.model import make_model
 from vrte.fit.problem import JACOBIANS, LOSSES, MOST_STARTS, FitProblem, Parameter
@@ -164,7 +166,7 @@ def read_fit(path: str | os.PathLike[str]) -> FitFile:
     if not isinstance(content.get("fit"), dict):
         raise SceneError("fit is missing: the file needs a table [fit], with a measurement and what is free", "fit")
     table = Table(("fit",), content.pop("fit"), KEYS)
-    name = table.right("measurement", "the name of a file, .csv or .nc", lambda value: isinstance(value, str))
+    measurement = read_measured(table, folder)
     free = table.required("free", "a list of names, or a table of tables by names")
     if not isinstance(free, dict) and not (isinstance(free, list) and all(isinstance(one, str) for one in free)):
         raise table.wrong("free", "must be a list of names, or a table of tables by names")
@@ -173,7 +175,21 @@ def read_fit(path: str | os.PathLike[str]) -> FitFile:
     names = list(free)
     if not isinstance(profiles, list) or any(one not in names for one in profiles):
         raise table.wrong("profiles", f"must be a list of names that are free: {', '.join(names)}")
-    return FitFile(read_measurement(folder / name), content, asked, tuple(profiles), folder)
+    return FitFile(measurement, content, asked, tuple(profiles), folder)
+
+
+def read_measured(table: Table, folder: Path) -> Measurement:
+    """The measurement of a table [fit]: a file, or a table of one with keywords of `vrte.read_measurement`, or a
+    list of these. Raises SceneError, OSError."""
+    given = table.required("measurement", "the name of a file, a table with its file, or a list of these")
+    parts = []
+    for one in given if isinstance(given, list) and given else [given]:
+        entry = {"file": one} if isinstance(one, str) else one
+        if not isinstance(entry, dict) or not isinstance(entry.get("file"), str):
+            raise table.wrong("measurement", "must be the name of a file, a table with its file, or a list of these")
+        keywords = dict(Table(("fit", "measurement"), entry, ("file", *KEYWORDS)).content)
+        parts.append(check_arguments(read_measurement)(folder / keywords.pop("file"), **keywords))
+    return parts[0].join(parts[1:]) if parts[1:] else parts[0]
 
 
 def read_whole(table: Table, key: str) -> int:

@@ -73,6 +73,12 @@ ASKS = {
 }
 
 
+KEYWORDS = (  # of vrte.read_measurement
+    "geometry", "illuminant", "observer", "base", "sample", "quantity", "columns", "wavelength_unit", "value_unit",
+    *("theta_i_deg", "theta_o_deg", "phi_deg", "wavelength_um", "sigma"),
+)  # fmt: skip
+
+
 @dataclass(frozen=True, eq=False)
 class Series:
     """Numbers of one sample (n,): its ``name``, the ``quantity`` of each, "" where it is not known, what else is known
@@ -133,7 +139,8 @@ class Interpreter:
             words = "no column is known as a wavelength, an angle or a colour"
             says = "columns={'wavelength_um': ..., 'value': ...} says which is which"
             self.ask("columns", f"{says}: {words}; there are {list_names(self.table.names)}")
-        taken = [self.convert(one, series) for one in self.choose_samples(series)]
+        chosen = self.choose_samples(series) or series[:1]  # the first one asks what else is missing
+        taken = [self.convert(one, series) for one in chosen]
         if not self.reading.asks:
             self.reading.columns = join_series(taken)
             for name in self.given:
@@ -258,6 +265,7 @@ class Interpreter:
         names = [name for name, role in roles.items() if role in sure or (not role and self.holds_numbers(name))]
         if not names:
             self.ask("columns", f"columns={{'value': ...}} says which are the values: there are {list_names([*roles])}")
+        bare = {name: strip_unit(name, self.heads[name][0]) for name in names}
         for name in names:
             role, follows = roles[name], next(iter([*roles][[*roles].index(name) + 1 :]), "")
             has_sigma = roles.get(follows) == "sigma"
@@ -270,7 +278,8 @@ class Interpreter:
             for label in dict.fromkeys(labels):
                 own = [row for row, one in enumerate(labels) if one == label]
                 part = {key: [column[row] for row in own] for key, column in known.items()}
-                both = " ".join(filter(None, (label, name if len(names) > 1 else ""))) or name
+                head = bare[name] if [*bare.values()].count(bare[name]) == 1 else name
+                both = " ".join(filter(None, (label, head if len(names) > 1 else ""))) or head
                 yield Series(both, [quantity] * len(own), value[own], part, *units)
 
     def holds_numbers(self, name: str) -> bool:
@@ -318,7 +327,7 @@ class Interpreter:
         over = {*at} <= {*names} and bool(at)
         taken = [one for one in series if not over or one.name in at]
         if sample is not None:
-            place = sample - 1 if type(sample) is int else None
+            place = int(sample) - 1 if str(sample).isdecimal() and sample not in names else None
             taken = [one for index, one in enumerate(series) if index == place or one.name == sample]
             if not taken:
                 words = f"must be one of {list_names(names)}, or its number from 1, not {show_value(sample)}"
@@ -453,6 +462,15 @@ def split_head(name: str) -> tuple[str, str]:
         return text.strip("% _/"), "percent"
     found = UNIT.search(text)
     return (text[: found.start()].strip(" _/([,"), UNIT_WORDS[found[1]]) if found else (text, "")
+
+
+def strip_unit(name: str, words: str) -> str:
+    """A head without its unit, by the words that `split_head` found; as it is where there is nothing else.
+
+    >>> strip_unit("White (%)", "white"), strip_unit("%", "")
+    ('White', '%')
+    """
+    return name[: len(words)] if words and name.lower().startswith(words) else name
 
 
 def find_geometries(text: str) -> list[str]:

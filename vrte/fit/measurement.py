@@ -189,6 +189,14 @@ class Measurement:
             raise SceneError.of("rows", words)
         return Measurement(**{name: getattr(self, name)[here] for name in COLUMNS})
 
+    def join(self, others: Sequence["Measurement"]) -> "Measurement":
+        """These rows and those of ``others`` as one measurement: of several files, a film over black and over white."""
+        parts = (self, *others)
+        columns = {name: np.concatenate([getattr(one, name) for one in parts]) for name in COLUMNS}
+        found = Measurement(**columns)
+        object.__setattr__(found, "understood", tuple(line for one in parts for line in one.understood))
+        return found
+
     def measure(self, value: Any, sigma: Any = None) -> "Measurement":
         """The same rows with other values (n,), and standard deviations where they are given: what another panel, or a
         model, shows there."""
@@ -338,14 +346,18 @@ def read_measurement(
       values of 'White'
       reflectance of 'White' in per cent: by their size, up to 82
     """
-    keywords = dict(locals())
-    reading = understand_file(keywords.pop("path"), keywords)
-    if reading.asks:
-        raise SceneError(f"{os.fspath(path)}: {'; '.join(reading.asks.values())}", *[*reading.asks][:1])
+    reading = understand_file(path, {name: value for name, value in locals().items() if name != "path"})
     try:
-        found = Measurement(**reading.columns)
+        return make_measurement(reading)
     except SceneError as error:
         raise error.behind(os.fspath(path)) from error
+
+
+def make_measurement(reading: Reading) -> Measurement:
+    """The measurement of a file that was understood. Raises SceneError for what is missing."""
+    if reading.asks:
+        raise SceneError("; ".join(reading.asks.values()), *[*reading.asks][:1])
+    found = Measurement(**reading.columns)
     object.__setattr__(found, "understood", tuple(reading.understood))
     return found
 
