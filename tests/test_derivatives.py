@@ -84,7 +84,9 @@ def test_surfaces_mirror_with_derivatives() -> None:
         straight = vrte.brdf(surface, 1.0, 0.5, nodes=4, derivatives=[name])
         slope = 4.0 * (index - 1.0) / (index + 1.0) ** 3
         assert straight.specular_jacobian[name][0, 0, 0] == close_to(slope, rtol=1e-9, atol=0.0)
-        assert straight.diagnostics["derivatives"][name].startswith("differences of the solve (it moves a surface")
+        assert straight.diagnostics["derivatives"][name].startswith(
+            "differences of the solve (it moves a smooth surface"
+        )
     film = vrte.brdf(vrte.Scene([GLASS, HAZE], GREY), MU_I, MU_O, nodes=4, derivatives=[depth], transmission=True)
     inside = np.sqrt(1.0 - (1.0 - np.square(MU_I)) / 1.5**2)
     by_depth = film.direct_transmittance_jacobian[depth]
@@ -139,7 +141,7 @@ def check_number(scene: vrte.Scene, kind: str, how: dict[str, Any], name: str, a
     """How many arrays of derivatives with a number were compared; ``algebra``: whether numbers of layers are to come
     from it. The light is what it is without derivatives."""
     values, jacobians, reported = solve(scene, kind, how, name)
-    assert reported == "algebra" or not (algebra and name.startswith("layer")), name
+    assert reported == "algebra" or not (algebra and (name.startswith("layer") or name.endswith("].roughness"))), name
     step, compared = find_step(name, vary_scene(scene, name).value), 0
     plain = solve(scene, kind, how)[0]
     far, near = (differentiate(scene, kind, how, name, part * step) for part in (1.0, 0.5))
@@ -163,6 +165,7 @@ def test_derivatives_of_a_scene_drawn_by_chance(seed: int) -> None:
     names = [f"{one}.{key}" for one in layers for key in ("thickness", "albedo", "coefficients[2].a1")]
     names += ["base.albedo"] if scene.base is not None else []
     names += ["interface[1].index"] if scene.has_interfaces else []
+    names += ["interface[1].roughness"] if any(one and not one.is_smooth for one in scene.interfaces[:1]) else []
     how = {"nodes": NODES, "accuracy": 1e-13, "threads": 1, "truncation": ("auto", "delta-m", "none")[seed % 3]}
     how |= {"inside": 0.3 * min(scene.layers[0].thickness, 2.0)} if kind == "field" else {"transmission": False}
     assert sum(check_number(scene, kind, how, name) for name in names) >= len(names)
@@ -187,7 +190,14 @@ CHOSEN: dict[str, tuple[vrte.Scene, list[str]]] = {
         ["layer[2].thickness", "layer[2].albedo", "layer[2].coefficients[2].b1", "base.albedo", "interface[1].index"],
     ),
     "plate": (KNOWN["gap of air in glass"], ["layer[2].thickness", "layer[2].coefficients[2].a3"]),
-    "facets": (COMPARED["rough sea"], ["layer[3].thickness", "layer[1].albedo", "layer[3].albedo"]),
+    "facets": (
+        COMPARED["rough sea"],
+        ["layer[3].thickness", "layer[1].albedo", "layer[3].albedo", "interface[1].roughness"],
+    ),
+    "a rough face": (
+        vrte.Scene([vrte.Interface(1.0, 1.4, 0.3, conserving=False), HAZE]),
+        ["interface[1].roughness"],
+    ),
     "more nodes than asked for": (
         vrte.Scene(
             [vrte.Interface(1.0, 1.3), vrte.Layer(vrte.henyey_greenstein(0.3, 6), 0.9, 0.3), vrte.Interface(1.3, 1.1)]
@@ -234,7 +244,13 @@ def test_derivatives_of_a_chosen_scene(title: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("title", "kind"), [("two over a base", "field"), ("facets", "field"), ("one layer", "bottom")]
+    ("title", "kind"),
+    [
+        ("two over a base", "field"),
+        ("facets", "field"),
+        ("one layer", "bottom"),
+        ("a rough face", "bottom"),
+    ],
 )
 def test_derivatives_inside_and_from_below(title: str, kind: str) -> None:
     scene, names = CHOSEN[title]
@@ -421,3 +437,7 @@ def test_a_gradient_says_what_it_does_not_know() -> None:
     longer[8, 0] = 0.1
     with pytest.raises(vrte.SceneError, match="jvp"):
         found.along(vrte.Variation("longer", 1.0, [0.0], [0.0], (longer,)))
+    surfaced = vrte.Scene([GLASS, *scene.layers])
+    found = vrte.linearize(surfaced, mu_i=0.3, mu_o=0.5, nodes=4).vjp(np.ones((1, 1, 1, 4, 4)))
+    with pytest.raises(vrte.SceneError, match="knows no surfaces"):
+        found.along(vary_scene(surfaced, "interface[1].index"))

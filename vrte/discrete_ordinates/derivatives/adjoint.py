@@ -88,8 +88,8 @@ class Gradient:
         Raises
         ------
         SceneError
-            Where the base of the variation does not reflect evenly, or its coefficients are none that the gradient
-            knows.
+            Where the base of the variation does not reflect evenly, its coefficients are none that the gradient knows,
+            or a surface or a medium changes.
 
         Examples
         --------
@@ -100,6 +100,8 @@ class Gradient:
         >>> bool(found.along(vrte.Variation("depth", 1.0, [1.0], [0.0])) == found.thickness[0])
         True
         """
+        if variation.is_outside:
+            raise SceneError(f"{variation.name}: a gradient knows no surfaces and no media, jvp does", variation.name)
         total = float(self.thickness @ variation.thickness + self.albedo @ variation.albedo)
         for mine, change in zip(self.coefficients, variation.coefficients, strict=True):
             rows = min(mine.shape[0], change.shape[0])

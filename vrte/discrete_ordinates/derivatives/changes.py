@@ -1,18 +1,20 @@
 """What a variation changes of a discrete problem: its truncated layers, the pieces they are cut into, its beams."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vrte.basics.arrays import Array
+from vrte.basics.differences import sample_around
 from vrte.discrete_ordinates.orders.beam_paths import BeamPaths
 from vrte.discrete_ordinates.orders.media import Cut, find_beams, take_escapes, trace_sights
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.optics.truncation import expand_peak
 from vrte.scene.beams import Passing
+from vrte.scene.interface import Interface
 from vrte.scene.scene import Scene
-from vrte.scene.vary import Variation
+from vrte.scene.vary import BASE_STEP, LEAST_SCALE, Variation
 
 STEP = 1e-40  # imaginary step of a thickness (complex-step derivative): no difference is taken, no digit is lost
 FAR = 1e300  # optical thickness that stands for a semi-infinite layer
@@ -63,15 +65,20 @@ def change_layer(problem: Problem, scene: Scene, k: int, variation: Variation, c
     return LayerChange(finite, d_stretch, d_gain, d_own * cut + own * d_cut, whole)
 
 
+ChangedInterfaces = Mapping[int, tuple[tuple[float, Interface], ...]]
+
+
 @dataclass(frozen=True, eq=False)
 class Change:
     """A variation as the stack of a `BeamPaths` meets it: its layers; the pieces' thickness (piece,); the beams, as
-    `Passing` of Mueller matrices, and escapes of all four Stokes parameters, None where no thickness changes."""
+    `Passing` of Mueller matrices, None where no thickness changes; by number the rough interfaces whose weighted sums
+    are the derivatives of those that change."""
 
     variation: Variation
     layers: tuple[LayerChange, ...]
     pieces: Array
     beams: Passing | None
+    interfaces: ChangedInterfaces
 
     @property
     def scatters(self) -> list[bool]:
@@ -103,7 +110,30 @@ def find_changes(
             k: take_escapes(part, sights, problem.n_up, list(ALL), sources)
             for k, part in zip(moved, np.split(traced, len(moved), axis=4), strict=True)
         }
-    return [(Change(one, layers[k], pieces[k], beams.get(k)), escapes.get(k)) for k, one in enumerate(variations)]
+    facets = [list_changed_interfaces(media.scene, one) or {} for one in variations]
+    return [
+        (Change(one, layers[k], pieces[k], beams.get(k), facets[k]), escapes.get(k)) for k, one in enumerate(variations)
+    ]
+
+
+def list_changed_interfaces(scene: Scene, variation: Variation) -> ChangedInterfaces | None:
+    """By number, weights and rough interfaces whose weighted sums are the derivatives of those that change with what is
+    neither layer nor base; None where more changes: a medium, or what is smooth."""
+    if not variation.is_outside:
+        return {}
+    assert variation.scene_at is not None
+    step = BASE_STEP * max(abs(variation.value), LEAST_SCALE)
+    scenes = sample_around(variation.scene_at, variation.value, step)
+    found: dict[int, tuple[tuple[float, Interface], ...]] = {}
+    for k, own in enumerate(scene.interfaces):
+        others = [(weight, one.interfaces[k]) for weight, one in scenes]
+        if all(other == own for _, other in others):
+            continue
+        rough = tuple((weight, other) for weight, other in others if other is not None and not other.is_smooth)
+        if own is None or own.is_smooth or len(rough) < len(others):
+            return None
+        found[k] = rough
+    return found if all(one.media == scene.media for _, one in scenes) else None
 
 
 def change_pieces(beam_paths: BeamPaths, variation: Variation, layers: tuple[LayerChange, ...]) -> Array:

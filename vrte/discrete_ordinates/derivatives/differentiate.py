@@ -11,7 +11,7 @@ from vrte.basics.arrays import Array, IntArray
 from vrte.basics.errors import SceneError
 from vrte.basics.quadrature import make_refracted_nodes
 from vrte.basics.running import Progress, Run
-from vrte.discrete_ordinates.derivatives.changes import Change, change_layer, find_changes
+from vrte.discrete_ordinates.derivatives.changes import Change, change_layer, find_changes, list_changed_interfaces
 from vrte.discrete_ordinates.derivatives.once import OnceScattered
 from vrte.discrete_ordinates.derivatives.semi_infinite import change_semi_infinite
 from vrte.discrete_ordinates.derivatives.slab_stack import ChangedOrders, Differentiating
@@ -33,7 +33,7 @@ from vrte.results.result import Solution
 from vrte.scene.beams import locate_depths
 from vrte.scene.boundary import BLACK
 from vrte.scene.scene import Scene
-from vrte.scene.vary import Variation
+from vrte.scene.vary import Variation, turn_variation
 
 LONGER = 10.0  # all orders are kept where tails of coefficient derivatives exceed the phase matrix's by this factor
 
@@ -41,8 +41,10 @@ LONGER = 10.0  # all orders are kept where tails of coefficient derivatives exce
 def find_gap(plan: Plan, variation: Variation) -> str | None:
     """Why the algebra of slabs does not tell this derivative of what is planned; None where it does."""
     scene = plan.request.scene
-    if variation.is_outside:
-        return "it moves a surface or the refractive index of a medium"
+    if plan.request.illuminate == "bottom":
+        variation = turn_variation(variation)
+    if variation.is_outside and list_changed_interfaces(scene, variation) is None:
+        return "it moves a smooth surface or the refractive index of a medium"
     if scene.has_flakes:
         return "layers hold oriented flakes"
     if find_spread(plan):
@@ -86,7 +88,7 @@ def differentiate_plan(
     ``orders``: how many of its orders the light itself took, where that is known: those behind add as little to
     derivatives. Raises SceneError where one does not exist, AccuracyError where modes cannot be trusted."""
     if plan.request.illuminate == "bottom":
-        variations = [turn_over(variation) for variation in variations]
+        variations = [turn_variation(variation) for variation in variations]
     for variation in variations:
         check_finite(plan.request.scene, variation)
     variations = put_bases_in_medium(plan, variations)
@@ -128,16 +130,6 @@ def add_solutions(one: Solution, other: Solution) -> Solution:
         np.concatenate(pair, axis=-1) for pair in ((one.flux_up, other.flux_up), (one.flux_down, other.flux_down))
     )
     return Solution(other.parts, up, down, one.diagnostics)
-
-
-def turn_over(variation: Variation) -> Variation:
-    """The variation of a scene that stands on its head, as one lit from the bottom is solved."""
-    return replace(
-        variation,
-        thickness=variation.thickness[::-1],
-        albedo=variation.albedo[::-1],
-        coefficients=variation.coefficients[::-1],
-    )
 
 
 def has_more_terms(plan: Plan, variation: Variation) -> bool:

@@ -28,10 +28,12 @@ from vrte.discrete_ordinates.orders.media import ARRIVING, ENTERING, LEAVING, RI
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble, balance_flux
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.refracting import CUT, ROUGH, SMOOTH, Medium, Refracting, spread
+from vrte.discrete_ordinates.orders.rough_interfaces import RoughInterface, add_interfaces
 from vrte.discrete_ordinates.orders.slab_response import Response, respond_by_doubling, respond_with_modes
 from vrte.scene.boundary import Boundary
 
 REVERSED = {RISING: ENTERING, ENTERING: RISING, ARRIVING: LEAVING, LEAVING: ARRIVING}
+FACETS = 1e-8  # accuracy of integrals over facets whose differences are derivatives
 ALLOWED = 1e-9  # largest residual of modes and of what slabs do for which derivatives by modes are used
 
 
@@ -73,6 +75,7 @@ class Differentiating(Refracting):
         super().__init__(self.refuse, problem, base, n_order, accuracy)
         self.changes, self.quick = [change for change, _ in changes], problem.skip_flags.symmetric
         self.changed_bases = [self.change_base(change, n_order, accuracy) for change in self.changes]
+        self.changed_facets = [self.change_facets(change, n_order, accuracy) for change in self.changes]
         members, sources = list(problem.stokes), len(self.sources)
         self.changed_escapes = [
             None if escapes is None else escapes[:, :, members, :sources][..., members] for _, escapes in changes
@@ -123,6 +126,16 @@ class Differentiating(Refracting):
                 total[:count] += weight * getattr(part, name)[:count]
         order = np.arange(n_order, dtype=np.int32)
         return Base(np.where(order < rows, order, np.int32(-1)), found[0], found[1], found[2])
+
+    def change_facets(self, change: Change, n_order: int, accuracy: float) -> dict[int, RoughInterface]:
+        """The derivatives of rough interfaces, by their place among those of the pieces."""
+        found = {}
+        for number, weighted in change.interfaces.items():
+            index = self.cut.interface.tolist().index(number)
+            given = n_order, min(accuracy, FACETS), Run(1)
+            parts = [(weight, self.expand_facets(index, one, *given)) for weight, one in weighted]
+            found[index] = add_interfaces(parts)
+        return found
 
     def chunk(self, threads: int) -> int:
         """Orders to be done at once."""
@@ -401,6 +414,8 @@ class Fields:
             found[:, : route.weighing.shape[-1]] += route.weighing[-1].T @ sent.swapaxes(1, 2)
         if change.beams is not None:
             found += self.follow_beams(change)
+        for index, facets in route.changed_facets[number].items():
+            found += self.change_facets(index, facets)
         escapes = route.changed_escapes[number]
         if escapes is not None:
             weighing = route.weigh_sources(escapes)
@@ -417,6 +432,23 @@ class Fields:
         thickness = float(medium.thickness[piece.slab])
         faces = self.faces_of(piece)
         return find_depth_change(E, F, *self.blocks_of(piece), passing, *faces, mu_in, mu_out, thickness)
+
+    def change_facets(self, index: int, rough: RoughInterface) -> Array:
+        """What the derivative of a rough interface makes of the light that meets it."""
+        route, orders = self.route, self.orders
+        arriving, rising = self.light[:, index, ARRIVING], self.light[:, index, RISING]
+        light = np.zeros((orders.size, 4, *arriving.shape[1:]))
+        light[:, LEAVING], light[:, ENTERING] = rough.collect(orders, arriving, rising)
+        rough.light(light, orders, route.power_at(index, ARRIVING), route.power_at(index, RISING))
+        found = self.weights[:, index, REVERSED[LEAVING]] @ light[:, LEAVING].swapaxes(1, 2)
+        found += self.weights[:, index, REVERSED[ENTERING]] @ light[:, ENTERING].swapaxes(1, 2)
+        source, seen = 2 * (route.cut.layer.size + route.rough.index(index)), route.weighing.shape[-1]
+        for weighing, sent in zip(
+            route.weighing[source : source + 2], rough.send(orders, arriving, rising), strict=True
+        ):
+            if sent.shape[-1] == len(weighing):  # else nothing is seen
+                found[:, :seen] += weighing.T @ sent.swapaxes(1, 2)
+        return found
 
     def follow_beams(self, change: Change) -> Array:
         """The derivative with the power of beams of what these light."""

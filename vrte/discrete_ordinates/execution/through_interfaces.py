@@ -25,6 +25,7 @@ from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.single_scattering import integrate_slab_paths
 from vrte.discrete_ordinates.planning.azimuths import Azimuths, fold_azimuths
 from vrte.scene.boundary import Boundary
+from vrte.scene.interface import Interface
 from vrte.scene.scene import Scene
 
 COLUMNS = np.arange(4, dtype=np.int32)
@@ -82,7 +83,8 @@ def list_vertices(problem: Problem, base: Boundary, azimuths: Azimuths, run: Run
                 seen = escapes[:, :, :, first_rough + 2 * k + (side ^ transmitted)]
                 if light.any() and seen.any():
                     number = int(cut.interface[index])
-                    scatter = make_facet_scatterer(media, number, side, transmitted, into, sights, azimuths)
+                    interface = media.scene.interfaces[number]
+                    scatter = make_facet_scatterer(interface, media, number, side, transmitted, into, sights, azimuths)
                     found.append(make_vertex(lit * (light @ columns), seen, scatter, is_surface=True))
     if base.orders_reflected and beams.arriving[-1].any():
         found.append(
@@ -206,10 +208,16 @@ def make_flake_scatterer(
 
 
 def make_facet_scatterer(
-    media: Media, number: int, side: int, transmitted: bool, into: Array, sights: Sights, azimuths: Azimuths
+    interface: Interface | None,
+    media: Media,
+    number: int,
+    side: int,
+    transmitted: bool,
+    into: Array,
+    sights: Sights,
+    azimuths: Azimuths,
 ) -> Scatter:
-    """Of a rough interface, for light from above (side 0) or below (1)."""
-    interface = media.scene.interfaces[number]
+    """Of a rough interface at the place of that number, for light from above (side 0) or below (1)."""
     assert interface is not None
     here, there = number + side, number + (side ^ transmitted)
     surface = (interface.turned if side else interface).facets

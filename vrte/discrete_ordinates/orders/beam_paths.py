@@ -20,8 +20,9 @@ from vrte.discrete_ordinates.orders.media import (
     list_sights,
 )
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.rough_interfaces import Side, make_rough_interface
+from vrte.discrete_ordinates.orders.rough_interfaces import RoughInterface, Side, make_rough_interface
 from vrte.scene.boundary import Boundary
+from vrte.scene.interface import Interface
 
 
 class BeamPaths:
@@ -43,18 +44,9 @@ class BeamPaths:
             self.media, self.cut, self.sights, problem.n_up, list(problem.stokes), np.array(self.sources)
         )
         self.base = self.expand(base, n_order, accuracy)
-        first, members = 2 * self.cut.layer.size, list(problem.stokes)
         self.rough_interfaces = {
-            index: make_rough_interface(
-                self.media,
-                int(self.cut.interface[index]),
-                self.list_sides(index, first + 2 * place),
-                members,
-                n_order,
-                accuracy,
-                run or Run(1),
-            )
-            for place, index in enumerate(self.rough)
+            index: self.expand_facets(index, self.find_interface(index), n_order, accuracy, run or Run(1))
+            for index in self.rough
         }
 
     @property
@@ -62,8 +54,22 @@ class BeamPaths:
         """Which interfaces of the pieces are rough."""
         return find_rough_places(self.media, self.cut)
 
-    def list_sides(self, index: int, source: int) -> tuple[Side, Side]:
-        """Both sides of a rough interface, the first source of which is that place of the sources."""
+    def find_interface(self, index: int) -> Interface:
+        """The interface of the scene that is that one of the pieces."""
+        found = self.media.scene.interfaces[int(self.cut.interface[index])]
+        assert found is not None
+        return found
+
+    def expand_facets(
+        self, index: int, interface: Interface, n_order: int, accuracy: float, run: Run
+    ) -> RoughInterface:
+        """A rough interface, or another one in its place."""
+        given = self.list_sides(index), list(self.problem.stokes), n_order, accuracy, run
+        return make_rough_interface(interface, self.media, *given)
+
+    def list_sides(self, index: int) -> tuple[Side, Side]:
+        """Both sides of a rough interface."""
+        source = 2 * (self.cut.layer.size + self.rough.index(index))
         number, scene = int(self.cut.interface[index]), self.media.scene
         is_inside = number > 0, number < len(scene.layers) or scene.base is not None
         found = []

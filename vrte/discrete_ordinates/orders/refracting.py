@@ -217,9 +217,7 @@ class Refracting(BeamPaths):
         """What light on the nodes (order, interface, 4, r, n) sends along the sights, (order, source, r, n_sight S)."""
         sent = self.send_slabs(slabs, light)
         for k, (index, rough) in enumerate(self.rough_interfaces.items(), self.cut.layer.size):
-            arriving, rising = light[:, index, ARRIVING], light[:, index, RISING]
-            sent[:, 2 * k] = rough.above.send(orders, arriving) + rough.up.send(orders, rising)
-            sent[:, 2 * k + 1] = rough.below.send(orders, rising) + rough.down.send(orders, arriving)
+            sent[:, 2 * k], sent[:, 2 * k + 1] = rough.send(orders, light[:, index, ARRIVING], light[:, index, RISING])
         if self.base is not None:
             sent[:, -1] = self.leave_base(orders, light[:, -1, ARRIVING])
         return sent

@@ -1,5 +1,6 @@
 """Rough interfaces as interfaces of a stack: their orders in the solver's scaling, flipped frame."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ from vrte.basics.polarization import FLIP
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.media import ENTERING, LEAVING, Media
 from vrte.discrete_ordinates.orders.rough import FacetOrders
+from vrte.scene.interface import Interface
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +60,18 @@ class RoughInterface:
         light[:, LEAVING] += self.above.collect(orders, falls) + self.up.collect(orders, rises)
         light[:, ENTERING] += self.down.collect(orders, falls) + self.below.collect(orders, rises)
 
+    def collect(self, orders: IntArray, arriving: Array, rising: Array) -> tuple[Array, Array]:
+        """What goes on to the nodes above and below of light on the nodes from above and from below, (order, r, n)."""
+        above, below, down, up = (way.nodes[orders].swapaxes(-1, -2) for way in vars(self).values())
+        return arriving @ above + rising @ up, arriving @ down + rising @ below
+
+    def send(self, orders: IntArray, arriving: Array, rising: Array) -> tuple[Array, Array]:
+        """The same along the sights, (order, r, n_sight S)."""
+        return (
+            self.above.send(orders, arriving) + self.up.send(orders, rising),
+            self.below.send(orders, rising) + self.down.send(orders, arriving),
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Side:
@@ -71,12 +85,31 @@ class Side:
     is_inside: bool
 
 
+def add_interfaces(weighted: Sequence[tuple[float, RoughInterface]]) -> RoughInterface:
+    """Interfaces between the same sides, weighted and added up."""
+
+    def add(name: str) -> Way:
+        pairs = [(weight, getattr(one, name)) for weight, one in weighted]
+        nodes = np.sum([weight * way.nodes for weight, way in pairs], axis=0)
+        rest = [
+            None if getattr(pairs[0][1], part) is None else np.sum([w * getattr(way, part) for w, way in pairs], axis=0)
+            for part in ("entering", "leaving")
+        ]
+        return Way(nodes, *rest)
+
+    return RoughInterface(*map(add, ("above", "below", "down", "up")))
+
+
 def make_rough_interface(
-    media: Media, number: int, sides: tuple[Side, Side], members: list[int], n_order: int, accuracy: float, run: Run
+    interface: Interface,
+    media: Media,
+    sides: tuple[Side, Side],
+    members: list[int],
+    n_order: int,
+    accuracy: float,
+    run: Run,
 ) -> RoughInterface:
-    """That interface of the scene, which is rough, between its sides above and below."""
-    interface = media.scene.interfaces[number]
-    assert interface is not None
+    """A rough interface between its sides above and below."""
     surfaces = interface.facets, interface.turned.facets
     stokes, count = len(members), media.nodes.measure.size
 
