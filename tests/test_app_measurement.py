@@ -99,11 +99,35 @@ def test_a_bad_file_is_one_sentence(text: str, words: str) -> None:
     assert "vrte-view-" not in found.message  # where it lies is nobody's business
 
 
+def test_what_a_file_leaves_open_is_answered_as_its_errors_write_it() -> None:
+    given: dict[str, Any] = {"data": b"nm;black;white\n500;60;65\n", "suffix": ".txt"}
+    comparer = Comparer()
+    for keywords, words in (
+        ("", "geometry='8:di' (sphere"),
+        ("geometry='8:de'", "sample='black' takes one, base={'black': 0.0, 'white': 0.8} takes"),
+        ("geometry=8", "geometry must be a text"),
+        ("sampel='a'", "must be written as geometry='8:di', sample='White', with geometry, illuminant"),
+        ("'8:di'", "must be written as"),
+        ("x) or open('y'", "must be written as"),
+        ("geometry=open('y')", "must be written as"),
+        ("(" * 5000, "must be written as"),
+    ):
+        (found,) = work(comparer.answer, HAZE, **given, keywords=keywords)
+        assert isinstance(found, Refused)
+        assert words in found.message
+    answered = "geometry='8:de', base={'black': 0.0, 'white': 0.8}"
+    first, second = work(comparer.answer, HAZE, **given, keywords=answered)
+    assert (first.measured.base.tolist(), second.predicted.size) == ([0.0, 0.8], 2)
+    assert "reflectance of 'black' in per cent: by their size, up to 65" in first.measured.understood
+
+
 def test_which_files_are_measurements_and_what_was_read(data: bytes) -> None:
     for one, suffix, unasked, asked in (
         (data, ".csv", True, True),
         (b"# vrte result, format 1\n# \nmu_i,mu_o\n", ".csv", False, False),
-        (b"a,b\n", ".csv", False, True),
+        (b"nm;R\n400;0.5\n", ".csv", True, True),
+        (b"nm R", ".txt", True, True),
+        (b"", ".toml", False, False),
         (b"", ".nc", False, True),
     ):
         assert [is_measurement(one, suffix, wanted=wanted) for wanted in (False, True)] == [unasked, asked]

@@ -22,9 +22,10 @@ from vrte.pictures.fit import SCENE, measurement
 
 LOOK_EVERY = 0.1  # seconds between two looks whether something has come
 NOTHING = (
-    "Drop a measurement on the page, or open one: a CSV, one number a row, with the columns quantity, value, and what "
-    "is known of theta_i_deg, theta_o_deg, phi_deg, wavelength_um and sigma; or NetCDF."
+    "Drop a measurement on the page, or open one: the text of a spectrophotometer or a goniometer, CGATS or CxF; "
+    "a table with the columns quantity, value, and what is known of each row; or NetCDF."
 )
+LEFT_OPEN = "what the file leaves open"
 SUFFIXES, LARGEST = measuring.SUFFIXES, measuring.LARGEST_MEASUREMENT
 TOO_LARGE = f"a measurement must be a file of at most {LARGEST / 1e6:g} MB, {' or '.join(SUFFIXES)}"
 OF_FIT, OF_STEP = "the scene that fits best", "the fit's last step"
@@ -44,9 +45,15 @@ class MeasurementPanel:
         with ui.row().classes("w-full gap-3 pt-3 items-center"):
             opener = add_button("Open a measurement", "upload_file", None, "outline dense", "px-2")
             opener.on("click", js_handler="() => vrte.pick(vrte.upload)")
+            add_button("Template", "download", self.hand_out_template, "outline dense", "px-2")
+            self.keywords = ui.input(LEFT_OPEN, value=self.view.get("keywords", "")).classes("vrte-fixed w-96")
+            self.keywords.props("outlined dense stack-label debounce=500 maxlength=500").without_auto_validation()
+            self.keywords.props.update({"placeholder": "geometry='8:di', sample='White'", "aria-label": LEFT_OPEN})
+            self.keywords.on_value_change(self.read_anew)
             self.shown = controls.select([], None, "shown", self.look, 250)
             self.name = add_note()
         self.message = add_message("vrte-warning w-full mt-2", "status")
+        self.understood = add_note()
         self.nothing = ui.label(NOTHING).classes("vrte-empty")
         with ui.column().classes("w-full gap-2 no-wrap pb-4") as self.answer:
             self.table = ui.element("div").classes("w-full overflow-auto mt-2")
@@ -95,11 +102,23 @@ class MeasurementPanel:
 
     def take(self, name: str, data: bytes) -> None:
         """A measurement: it is read aside, and shown beside the scene."""
+        self.view["dropped"] = name, data
         self.view["refused"] = TOO_LARGE if len(data) > LARGEST else ""  # the measurement stays as it was
         if not self.view["refused"]:
             self.view["kept"] = self.view.pop("kept", self.view.get("measurement"))  # until this one is read
             self.view["measurement"] = name[:100], data, Path(name).suffix.lower()
         self.refresh()
+
+    def read_anew(self, event: Any) -> None:
+        """Reads the file that was dropped last by other keywords."""
+        if self.view.get("keywords", "") != (event.value or ""):
+            self.view["keywords"] = event.value or ""
+            if "dropped" in self.view:
+                self.take(*self.view["dropped"])
+
+    def hand_out_template(self) -> None:
+        """A table to fill in, for the browser to keep."""
+        ui.download.content(measuring.TEMPLATE.read_bytes(), measuring.TEMPLATE.name)
 
     def look(self, shown: Any) -> None:
         """Shows another quantity of the measurement."""
@@ -127,7 +146,8 @@ class MeasurementPanel:
             self.view.pop("before_fit", None)
             _, data, suffix = self.view["measurement"]
             content = write_fractions(session.content)
-            session.start_fit(session.make_task("measuring.fit_scene", content, data=data, suffix=suffix, free=free))
+            more = {"data": data, "suffix": suffix, "free": free, "keywords": self.view.get("keywords", "")}
+            session.start_fit(session.make_task("measuring.fit_scene", content, **more))
             self.view["stopped"] = False
             self.timer.activate()
             self.follow()
@@ -159,7 +179,9 @@ class MeasurementPanel:
         self._draw_free()
         if given is not None:
             content = {key: value for key, value in session.content.items() if key not in ("brdf", "field")}
-            task = session.make_task("measuring.Comparer", content, data=given[1], suffix=given[2])
+            task = session.make_task(
+                "measuring.Comparer", content, data=given[1], suffix=given[2], keywords=self.view.get("keywords", "")
+            )
             session.beside.ask(replace(task, content=None) if session.wrong else task)
             self.timer.activate()
         self._show()
@@ -207,6 +229,7 @@ class MeasurementPanel:
         text = self.view.get("refused") or refused or (wrong or beside if given is not None else "")
         self.message.set_text(text)
         show(given is None, self.nothing)
+        self.understood.set_text("; ".join(compared.measured.understood) if compared else "")
         self.name.set_text(given[0] if given else "")
         show(compared is not None, self.answer, self.shown)
         if compared is not None:

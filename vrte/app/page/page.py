@@ -21,7 +21,7 @@ from vrte.app.page.form_panel import FormPanel
 from vrte.app.page.result_panel import OF_BRDF, ResultPanel
 from vrte.app.server.guard import LARGEST_UPLOAD
 from vrte.app.solving import tab_session
-from vrte.app.solving.measuring import is_measurement
+from vrte.app.solving.measuring import TEXTS, is_measurement
 from vrte.app.solving.tab_session import TabSession
 from vrte.app.solving.worker import Adopted, Outcome, Refused, Task, Written
 from vrte.basics.errors import Place, SceneError
@@ -32,7 +32,7 @@ from vrte.formats.toml_table import is_number
 THEMES = {"auto": "as the system has it", "light": "light", "dark": "dark"}
 GALLERY = Path(__file__).parents[1] / "gallery"
 STYLE, SCRIPT = (Path(__file__).with_name(name) for name in ("page.css", "page.js"))
-SUFFIXES = (".toml", ".nc", ".csv")
+SUFFIXES = (".toml", ".nc", *TEXTS)
 LONG_ENOUGH = 10_000  # milliseconds to read what is notified
 TOO_LARGE = (
     f"a file must end in {', '.join(SUFFIXES)}; a scene must be at most {LARGEST_SCENE / 1e6:g} MB, "
@@ -87,7 +87,7 @@ class Page:
             self.upload.props(f'accept="{",".join(SUFFIXES)}"').classes("hidden")
             gallery = self._header_button("Gallery", "collections", "scenes and materials to begin with")
             gallery.on_click(lambda: show_gallery(self.begin, self.fill))
-            to_open = "a scene (.toml) or a result (.nc, .csv); or drop it here"
+            to_open = "a scene (.toml), a result (.nc, .csv) or a measurement; or drop it here"
             opener = self._header_button("Open", "folder_open", to_open)
             opener.on("click", js_handler=f"() => vrte.pick({self.upload.id})")
             with self._header_button("Download", "download", "results, figures, the scene"), controls.make_menu():

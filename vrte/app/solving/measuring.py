@@ -1,8 +1,10 @@
 """A measurement beside what the form's scene shows at the same places, and the form's numbers fitted to it."""
 
+import ast
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,18 +13,22 @@ import numpy as np
 from vrte.app.form.content import Content, list_page_wavelengths, select_wavelength
 from vrte.app.solving.tab_session import collect_bytes, read_bytes
 from vrte.app.solving.worker import Exchange, Fitted, Message, Progress, Refused, Step, Task, explain_failure
-from vrte.basics.arrays import Array
+from vrte.basics.arguments import check_arguments
+from vrte.basics.arrays import Array, show_value
 from vrte.basics.errors import IndistinguishableWarning, LongSolveWarning, MissingExtraError, SceneError
 from vrte.fit import run as least_squares
 from vrte.fit.curves import COORDINATES, DIGITS, find_axis, find_rows, name_bars, split_curves
+from vrte.fit.instruments import KEYWORDS
 from vrte.fit.measurement import COLUMNS, Measurement, read_measurement
 
 LARGEST_MEASUREMENT = 2_000_000  # bytes: 20 000 rows or more
 MOST_POINTS = 20_000  # rows that the page shows and fits
-SUFFIXES = (".csv", ".nc")
-FIRST = 100_000  # bytes of a file in which its columns are named
+TEXTS = (".csv", ".txt", ".tsv", ".dat", ".asc", ".cgats", ".cxf", ".xml")
+SUFFIXES = (*TEXTS, ".nc")
+TEMPLATE = Path(__file__).parents[2] / "starters" / "measurement.csv"
+FIRST = 1000  # bytes of a file in which a result says that it is one
 Free = dict[str, dict[str, float]]  # start, low and high by each key
-RESULT = "# vrte result"  # what files of results begin with, behind their checksum
+RESULT = b"# vrte result"  # what files of results begin with, behind their checksum
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,12 +48,15 @@ class Comparer:
     """Answers questions about measurements; the last one is not read again."""
 
     def __init__(self) -> None:
-        self.read: tuple[bytes, Measurement] | None = None
+        self.read: tuple[tuple[bytes, str], Measurement] | None = None
 
-    def answer(self, exchange: Exchange, content: Content | None, folder: Path, data: bytes, suffix: str) -> Message:
-        """What the form's content, if right, shows beside a measurement's bytes; a new one is reported at once."""
-        if self.read is None or self.read[0] != data:
-            self.read = data, read_limited(data, suffix)
+    def answer(
+        self, exchange: Exchange, content: Content | None, folder: Path, data: bytes, suffix: str, keywords: str = ""
+    ) -> Message:
+        """What the form's content, if right, shows beside a measurement's bytes, which ``keywords`` help to read; a new
+        one is reported at once."""
+        if self.read is None or self.read[0] != (data, keywords):
+            self.read = (data, keywords), read_limited(data, suffix, keywords)
             exchange.report(Compared(self.read[1], follows=True))
         exchange.check()
         measured = self.read[1]
@@ -65,17 +74,30 @@ def compare(exchange: Exchange, content: Content, folder: Path, measured: Measur
 
 
 def is_measurement(data: bytes, suffix: str, wanted: bool) -> bool:
-    """Whether a file is a measurement, not a result: by its columns, or if that is ``wanted`` and it is no result."""
-    lines = [line.strip() for line in data[:FIRST].split(b"\n")]
-    if suffix != ".csv" or any(line.startswith(RESULT.encode()) for line in lines[:2]):
-        return wanted and suffix == ".nc"
-    header = next((line for line in lines if line and not line.startswith(b"#")), b"")
-    return wanted or {b"quantity", b"value"} <= {name.strip() for name in header.split(b",")}
+    """Whether a file is a measurement, not a result: any text that is none, NetCDF where it is ``wanted``."""
+    is_result = any(line.startswith(RESULT) for line in data[:FIRST].split(b"\n")[:2])
+    return (suffix in TEXTS and not is_result) or (wanted and suffix == ".nc")
 
 
-def read_limited(data: bytes, suffix: str) -> Measurement:
+def parse_keywords(text: str) -> dict[str, Any]:
+    """Keywords of `vrte.read_measurement` as its errors write them. Raises SceneError.
+
+    >>> parse_keywords("geometry='8:di', base={'over black': 0.0}")
+    {'geometry': '8:di', 'base': {'over black': 0.0}}
+    """
+    with suppress(SyntaxError, ValueError, TypeError, MemoryError, RecursionError):
+        call = ast.parse(f"read({text})", mode="eval").body
+        if isinstance(call, ast.Call) and not call.args:
+            found = {str(one.arg): ast.literal_eval(one.value) for one in call.keywords}
+            if {*found} <= {*KEYWORDS}:
+                return found
+    words = "what the file leaves open must be written as geometry='8:di', sample='White', with"
+    raise SceneError(f"{words} {', '.join(KEYWORDS)}, not {show_value(text)}")
+
+
+def read_limited(data: bytes, suffix: str, keywords: str = "") -> Measurement:
     """A measurement's file, by its bytes. Raises SceneError."""
-    found = read_bytes(data, suffix, read_measurement)
+    found = read_bytes(data, suffix, partial(check_arguments(read_measurement), **parse_keywords(keywords)))
     if len(found) > MOST_POINTS:
         raise SceneError(f"the page takes at most {MOST_POINTS} numbers, not {len(found)}; `vrte fit` takes more")
     return found
@@ -102,10 +124,12 @@ def predict_rows(
     return both[: len(measured)], (more, both[len(measured) :])
 
 
-def fit_scene(exchange: Exchange, content: Content, folder: Path, data: bytes, suffix: str, free: Free) -> Fitted:
+def fit_scene(
+    exchange: Exchange, content: Content, folder: Path, data: bytes, suffix: str, free: Free, keywords: str = ""
+) -> Fitted:
     """A fit of ``free`` numbers to a measurement, each step reported. Raises SceneError, KeyboardInterrupt."""
     exchange.report(Progress(0.0, "reading the measurement"))
-    measured = read_limited(data, suffix)
+    measured = read_limited(data, suffix, keywords)
     chosen, notes = choose_wavelength(content, measured)
     fraction = 0.0
 
