@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 import vrte
 from vrte.app.form import checks
 from vrte.app.form import content as form
-from vrte.app.form.checks import MOST_OF_AXIS, adopt_with_notes, begin_with_material, write_content
+from vrte.app.form.checks import MOST_OF_AXIS, adopt_with_notes, begin_with_material, list_films, write_content
 from vrte.app.form.fields import find_field, list_places, parse_field_text, translate_message, write_field_text
 from vrte.formats.bases import BASES
 from vrte.formats.keys import Choice, FilePath, Flag
@@ -232,6 +232,21 @@ def test_every_choice_is_right_from_the_start_but_for_files_to_be_chosen() -> No
         form.set_size_mode(kind, "radius")
     form.set_source(kind, "spheres")
     assert (kind.keys(), problems(content)) == ({"index", "radius_um"}, {})
+
+
+def test_a_layer_of_flakes_has_their_fields() -> None:
+    content = fresh()
+    layer = content["layer"][0]
+    form.set_medium(content, 0, "flakes")
+    assert layer == form.FLAKES
+    places = [("layer", 0, "flakes", "index"), ("layer", 0, "flakes", "tilt_deg"), ("layer", 0, "flake_area")]
+    assert all(find_field(place, content).label for place in places)
+    layer["flakes"]["tilt_deg"] = 0.0
+    assert list(problems(content)) == ["layer[1].flakes.tilt_deg"]
+    form.set_medium(content, 0, "particles")
+    assert (layer, problems(content)) == ({"particles": "gold", "thickness": form.OPTICAL}, {})
+    paint = begin_with_material(list_films()["Silver metallic basecoat"])[0]
+    assert (form.get_medium(paint["layer"][1]), problems(paint)) == ("flakes", {})
 
 
 def test_every_key_has_a_label_and_shows_what_is_taken_where_it_is_empty() -> None:

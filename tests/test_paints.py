@@ -209,5 +209,6 @@ def test_a_ready_paint_says_what_it_is_and_solves(name: str) -> None:
     content["paint"]["surface"] = "smooth"  # a rough one takes seconds; the paint itself stays as it is
     assert list_paints()[name].content == whole
     found = vrte.spectrum({**content, "brdf": {"mu_i": 0.7, "mu_o": 1.0}}, [0.6], nodes=6)
-    low, high = {"black gloss": (0.0, 0.05), "red oxide": (0.01, 0.1)}.get(name, (0.3, 0.99))
+    dark = {"black gloss": (0.0, 0.05), "red oxide": (0.01, 0.1), "colour shifter": (0.01, 0.3)}
+    low, high = dark.get(name, (0.3, 0.99))
     assert low < np.pi * found[0].mueller[0, 0, 0, 0, 0] < high

@@ -281,8 +281,14 @@ MEDIA: dict[str, tuple[str, Any]] = {  # what fills a layer: in words, and the p
     "volumes": ("a mixture, by volume", None),
     **{name: (row.words, make_start(row.keys) or name) for name, row in PHASES.items()},
     "coefficients": ("a table of coefficients", ""),
+    "flakes": ("oriented flakes", None),
     "clear": ("nothing: clear or tinted", None),
 }
+FLAKES: Content = {
+    "flakes": {"index": "aluminium", "tilt_deg": 12.0},
+    "flake_area": 3.0,
+}  # that such a layer begins with
+OF_FLAKES = ("flakes", "flake_area", "flake_thickness_um")
 HELD = ("particles", "mixture", "volumes")  # particles, in these ways
 SURFACES = {"smooth": "smooth: beams stay beams", "rough": "rough: many small facets"}
 LENGTH, FRACTION, OPTICAL = 50.0, 0.05, 10.0  # that a layer begins with: um, of the volume, optical thickness
@@ -351,7 +357,7 @@ def get_medium(layer: Content) -> str:
     if phase is not None:
         return phase if phase in PHASES else "coefficients"
     if not any(key in layer for key in FILLINGS):
-        return "clear"
+        return "flakes" if "flakes" in layer else "clear"
     several = "mixture" if isinstance(layer.get("particles"), dict) else "particles"
     return "volumes" if "volume_fractions" in layer else several
 
@@ -364,7 +370,16 @@ def set_medium(content: Content, place: int, medium: str) -> None:
     geometric, phase = is_geometric(layer), MEDIA[medium][1]
     if get_medium(layer) == "clear":
         remove(layer, "host_index")  # of the clear medium
+    if "flakes" in (medium, get_medium(layer)):  # alone: they have no thickness that others keep
+        remove(layer, *OF_FLAKES, *THICKNESS_KEYS)
+        layer["thickness"], geometric = OPTICAL, False
     remove(layer, *FILLINGS, "tolerance")
+    if medium == "flakes":
+        remove(layer, "packing", "albedo", *THICKNESS_KEYS)
+        layer.update(copy.deepcopy(FLAKES))
+        return
+    if medium == "clear":
+        remove(layer, *OF_FLAKES)
     if medium not in HELD:
         remove(layer, "packing")
         set_geometric(layer, medium == "clear")

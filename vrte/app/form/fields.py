@@ -9,6 +9,7 @@ from typing import Any
 
 from vrte.basics.errors import Place
 from vrte.formats.bases import BASES, INTERFACE
+from vrte.formats.flakes import FLAKES
 from vrte.formats.keys import ONE_WAVELENGTH, SUBSTANCE_HINT, TABLE, FilePath, Key
 from vrte.formats.layers import PHASES, SIDES
 from vrte.formats.particle_sources import DIAMETER_LABELS, DIAMETERS, HOST, ONE, SIZES, SOURCES, SPHERES
@@ -35,6 +36,8 @@ FIELDS = {  # by place, * being any layer or kind of particle: label, and what n
     "layer.*.thickness": Key("optical thickness", hint="inf: semi-infinite", start=1.0),
     "layer.*.thickness_um": Key("thickness [µm]", start=1.0),
     "layer.*.volume_fraction": Key("volume fraction", hint=SHARE, start=0.01),
+    "layer.*.flake_area": Key("flake area over the layer's", hint="inf: semi-infinite, alone", start=1.0),
+    "layer.*.flake_thickness_um": Key("thickness of the flakes [µm]", start=0.3),
     "base": Key(start={"kind": "black"}),
     "base.kind": Key(start="black"),
     "brdf": Key(start={"mu_i": 0.5, "mu_o": 0.5}),
@@ -82,6 +85,8 @@ def find_key(place: Place, content: dict[str, Any]) -> Key | None:
     if place[0] == "layer":
         if place[2:-1] == ("interface",):
             return {**SIDES, **INTERFACE}.get(name)
+        if place[2:-1] == ("flakes",):
+            return FLAKES.get(name)
         if place[2:-1] == ("phase",):
             return next((row.keys.get(name) for own, row in PHASES.items() if own in table), None)
         named = table.get("phase") if name == "phase" else None

@@ -165,9 +165,9 @@ def list_sliders(content: Content) -> list[FormNumber]:
 
 
 def list_filled(content: Content) -> Iterator[tuple[int, Content]]:
-    """The layers that hold particles, with their places."""
+    """The layers that hold particles or flakes, with their places."""
     for place, layer in enumerate(content["layer"]):
-        if not form.is_interface(layer) and form.get_medium(layer) in form.HELD:
+        if not form.is_interface(layer) and form.get_medium(layer) in (*form.HELD, "flakes"):
             yield place, layer
 
 
@@ -175,10 +175,10 @@ def explain_missing(content: Content) -> str:
     """Why a scene has no appearance, and how it gets one; "" where it has."""
     filled = list(list_filled(content))
     if not filled:
-        return f"No layer here holds particles, whose colour this would be: fill one with particles, or {CHOOSE}."
+        return f"No layer here holds particles or flakes, whose colour this would be: fill one with particles, or {CHOOSE}."
     names = form.name_layers(content["layer"])
     for place, layer in filled:
-        if not form.is_geometric(layer) and layer.get("thickness") != math.inf:
+        if "thickness" in layer and layer["thickness"] != math.inf:
             return (
                 f"{names[place].capitalize()} has an optical thickness, which would be the same at every wavelength: "
                 f'tick "thickness in µm" in the form and give its volume fraction, or {CHOOSE}.'

@@ -355,15 +355,21 @@ class FormPanel:
         self.choice(names, medium, "filled with", partial(form.set_medium, content, place))
         self._medium(place, layer, medium)
         geometric, held = form.is_geometric(layer), medium in form.HELD
+        lengths = ["thickness_um" if geometric else "thickness"]
+        if "flakes" in layer:
+            self.keys([("layer", place, "flakes", key) for key in ("index", "tilt_deg")])
+            sizes = [key for key in (*form.OF_FLAKES[1:], *form.THICKNESS_KEYS[1:]) if key in layer]
+            lengths = sizes if medium == "flakes" else [*lengths, "flake_area"]
         with make_row():
-            self.field("layer", place, "thickness_um" if geometric else "thickness")
+            for key in lengths:
+                self.field("layer", place, key)
             if held and medium != "volumes" and (geometric or form.is_fraction_asked(content, place)):
                 self.field("layer", place, "volume_fraction")
         if held:
             self.switch("thickness in µm", geometric, partial(form.set_geometric, layer))
             packing, pack = layer.get("packing", INDEPENDENT), partial(form.set_packing, layer)
             self.choice(list(PACKINGS), packing, "close particles scatter", pack, "layer", place, "packing")
-        if "host_index" in layer or medium == "clear" or any(map(form.is_interface, content["layer"])):
+        if "host_index" in layer or medium in ("clear", "flakes") or any(map(form.is_interface, content["layer"])):
             self.key("layer", place, "host_index")
 
     def _medium(self, place: int, layer: form.Content, medium: str) -> None:
@@ -379,7 +385,7 @@ class FormPanel:
         elif medium == "coefficients":
             self.key("layer", place, "phase")
             self.keys(("layer", place, key) for key in ("albedo", "tolerance"))
-        elif medium != "clear":
+        elif medium not in ("clear", "flakes"):
             self.keys([*(("layer", place, "phase", key) for key in PHASES[medium].keys), ("layer", place, "albedo")])
 
 
