@@ -244,7 +244,7 @@ def test_every_paint_to_begin_with_has_sliders_and_an_appearance() -> None:
         assert notes
         sliders = list_sliders(content)
         assert any(one.place[-1] == "thickness_um" for one in sliders)
-        assert any(one.place[0] == "particles" for one in sliders)
+        assert any(one.place[0] == "particles" or "flakes" in one.place for one in sliders)
         for slider in sliders:
             value = read_fraction(get_value(content, slider.place))
             assert value is not None

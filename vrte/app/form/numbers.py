@@ -27,6 +27,7 @@ DIGITS = 6  # of a value that goes to the form
 STEPS = 200  # of a slider, by equal factors from end to end
 MOST_SLIDERS = 12  # that the page shows
 LENGTHS_UM, FRACTIONS = (1.0, 300.0), (0.001, 0.6)
+TILTS = 2.0, 30.0  # [degrees] of a slider
 CHOOSE = "begin with a paint here, or with a material in the Gallery"
 
 
@@ -142,13 +143,14 @@ def put_values(content: Content, values: Mapping[Place, float]) -> Content:
 
 
 def list_sliders(content: Content) -> list[FormNumber]:
-    """Sliders of the layers of particles with a geometrical thickness, and of these particles' sizes."""
+    """Sliders of the layers of particles with a geometrical thickness, of their sizes, and of the tilt of flakes."""
     filled = [place for place, _ in list_filled(content)]
     ends: dict[Place, tuple[float, float]] = {}  # 0: around what it is
     sizes: dict[Place, tuple[float, float]] = {}
     for number, layer in list_filled(content):
         ends["layer", number, "thickness_um"] = LENGTHS_UM
         ends["layer", number, "volume_fraction"] = FRACTIONS
+        ends["layer", number, "flakes", "tilt_deg"] = TILTS
         held: Any = layer.get("volume_fractions", layer.get("particles", ()))
         for name in [held] if isinstance(held, str) else held:
             ends["layer", number, "volume_fractions", name] = FRACTIONS
@@ -175,7 +177,8 @@ def explain_missing(content: Content) -> str:
     """Why a scene has no appearance, and how it gets one; "" where it has."""
     filled = list(list_filled(content))
     if not filled:
-        return f"No layer here holds particles or flakes, whose colour this would be: fill one with particles, or {CHOOSE}."
+        words = "No layer here holds particles or flakes, whose colour this would be"
+        return f"{words}: fill one with particles, or {CHOOSE}."
     names = form.name_layers(content["layer"])
     for place, layer in filled:
         if "thickness" in layer and layer["thickness"] != math.inf:
