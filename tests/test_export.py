@@ -1,6 +1,9 @@
 """Files for renderers: what Mitsuba reads and samples in them, what an own reader of MERL's format does, what each
 says of its error, and what is refused."""
 
+import json
+import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +13,12 @@ import pytest
 import vrte
 from vrte.basics.arrays import Array
 from vrte.exports import export as export_call
-from vrte.exports import measured
+from vrte.exports import fitted, measured
 from vrte.exports.colour import weigh_channels
 from vrte.exports.export import Exported
-from vrte.formats.measured_polarized import make_unit_vectors, read_tensors
+from vrte.formats.measured_polarized import make_pairs, make_unit_vectors, read_tensors
 
-from .helpers import assert_close, run
+from .helpers import assert_close, close_to, run
 
 WAVELENGTHS = [0.45, 0.5, 0.55, 0.6, 0.65]
 VISIBLE = np.linspace(0.43, 0.67, 9)
@@ -201,7 +204,7 @@ def test_mirrored_beams_are_refused_nested_or_left_out(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("path", "asked", "words"),
     [
-        ("a.gltf", {}, r"path must end in \.pbsdf, \.bsdf, \.binary"),
+        ("a.gltf", {}, r"path must end in \.pbsdf, \.bsdf, \.binary, \.json, \.mtlx"),
         ("a.bsdf", {"step_deg": 5.0}, r"step_deg is of a \.pbsdf alone"),
         ("a.pbsdf", {"step_deg": 0.1}, r"step_deg must be between 0\.5 and 15 degrees"),
         ("a.bsdf", {"mu_i": 0.5}, "mu_i is not asked for here: a file has directions of its own"),
@@ -222,3 +225,106 @@ def test_errors_are_words() -> None:
     done = Exported((Path("a.bsdf"),), (0.5,), 1e-3, 2e-2, 512, 3e-3, 4e-3)
     assert str(done).startswith("off by 1.0e-03 of I in the median, by less than 2.0e-02 for 95% of 512 pairs")
     assert "reflectance off by 3.0e-03 at most; reciprocal to 4.0e-03 for 95%" in str(done)
+
+
+NUMBERS = {"principled": [0.6, 0.3, 0.1, 0.4, 1.6, 0.3, 0.25], "openpbr": [0.6, 0.3, 0.1, 0.4, 1.6, 0.3]}
+
+
+def draw_pairs(count: int) -> tuple[Array, Array]:
+    """Pairs of directions (count, 3) over the hemisphere, some of them close to the mirrored one."""
+    random = np.random.default_rng(7)
+    mu, azimuth = random.uniform(0.1, 1.0, (2, count)), random.uniform(0.0, 2.0 * np.pi, (2, count))
+    mu[1, ::2], azimuth[1, ::2] = np.clip(mu[0, ::2] + 0.02, 0.0, 1.0), azimuth[0, ::2] + np.pi + 0.05
+    return make_unit_vectors(mu[0], azimuth[0]), make_unit_vectors(mu[1], azimuth[1])
+
+
+def test_principled_is_that_of_mitsuba(tmp_path: Path) -> None:
+    """The model that is fitted, direction by direction, as Mitsuba evaluates the file that was written."""
+    found = pytest.importorskip("mitsuba")
+    found.set_variant("scalar_rgb")
+    numbers = np.array(NUMBERS["principled"])
+    fitted.FittedFile(fitted.PRINCIPLED, numbers, 0.0, 0.0).write(tmp_path / "a.json", "a fit")
+    bsdf = found.load_dict(json.loads((tmp_path / "a.json").read_text())["bsdf"])
+    into, out = draw_pairs(60)
+    ours = fitted.shade_principled(numbers, fitted.Geometry.of(into, out))
+    at = found.SurfaceInteraction3f()
+    at.sh_frame = found.Frame3f(found.Vector3f(0, 0, 1))
+    for light, view, wanted in zip(into, out, ours, strict=True):
+        at.wi = found.Vector3f(*view)
+        seen = np.array(bsdf.eval(found.BSDFContext(), at, found.Vector3f(*light))) / light[2]
+        assert_close(wanted, seen, rtol=2e-4, atol=1e-6)
+
+
+def test_openpbr_sends_back_no_more_than_comes() -> None:
+    """A white base under facets, in even light: what facets let through towards the eye and the base sends back, all
+    but what they hide. Of one beam more may come back, since the model is not reciprocal."""
+
+    class Even:
+        def evaluate(self, mu_i: Array, mu_o: Array, phi: Array) -> Array:
+            """The model's BRDF with light and eye swapped."""
+            at = fitted.Geometry.of(*make_pairs(mu_i[:, None], mu_o, phi))
+            swapped = replace(at, mu_i=at.mu_o, mu_o=at.mu_i)
+            found = fitted.shade_openpbr(np.array([1.0, 1.0, 1.0, 0.3, 1.5, 0.0]), swapped)
+            return found.reshape(*mu_o.shape, 3, 1, 1)
+
+        def write(self, path: Path, text: str) -> None:
+            """Not called."""
+
+    reflected = export_call.integrate_over_hemisphere(Even(), np.array([0.3, 0.6, 1.0]))
+    assert_close(reflected, 1.0, rtol=0.0, atol=2e-3)
+
+
+@pytest.mark.parametrize("model", [fitted.PRINCIPLED, fitted.OPENPBR], ids=["principled", "openpbr"])
+def test_a_fit_finds_the_numbers_of_its_own_model(model: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    numbers = np.array(NUMBERS["principled" if model is fitted.PRINCIPLED else "openpbr"])
+    monkeypatch.setattr(
+        fitted, "follow_intensities", lambda *_: lambda *pairs: model.shade(numbers, fitted.Geometry.of(*pairs))
+    )
+    monkeypatch.setattr(fitted, "weigh_channels", lambda _: np.eye(3))
+    spectrum = vrte.spectrum({**GREY, "nodes": 2, "brdf": {"mu_i": 1.0, "mu_o": 1.0}}, [0.5])
+    found = fitted.fit_model(model, spectrum, [None])
+    assert_close(found.numbers, numbers, rtol=0.0, atol=5e-3)
+    assert found.most < 0.05
+
+
+@pytest.mark.parametrize("suffix", [".json", ".mtlx"])
+def test_fits_say_how_far_they_are_off(suffix: str, tmp_path: Path) -> None:
+    done = vrte.export(PAINT, tmp_path / f"a{suffix}", VISIBLE, accuracy=1e-4)
+    text = (tmp_path / f"a{suffix}").read_text()
+    assert "CIEDE2000 in the median" in done.notes[0]
+    assert done.notes[0] in text
+    roughness, index = (
+        float(re.search(rf'"{name}"(?:: | type="float" value=")([\d.]+)', text)[1])  # type: ignore[index]
+        for name in (("roughness", "eta") if suffix == ".json" else ("specular_roughness", "specular_ior"))
+    )
+    assert roughness == close_to(0.1**0.5, rtol=0.0, atol=0.03)
+    assert index == close_to(1.5, rtol=0.0, atol=0.1)
+
+
+def test_materialx_takes_the_surface(tmp_path: Path) -> None:
+    materialx = pytest.importorskip("MaterialX")
+    numbers = np.array(NUMBERS["openpbr"])
+    fitted.FittedFile(fitted.OPENPBR, numbers, 0.0, 0.0).write(tmp_path / "a.mtlx", 'words, "quoted" <&>\nand more')
+    library, found = materialx.createDocument(), materialx.createDocument()
+    folders = materialx.getDefaultDataLibraryFolders()
+    materialx.loadLibraries(folders, materialx.getDefaultDataSearchPath(), library)
+    materialx.readFromXmlFile(found, str(tmp_path / "a.mtlx"))
+    found.setDataLibrary(library)
+    valid, words = found.validate()
+    assert valid, words
+    surface = found.getNode("surface")
+    assert surface.getNodeDef().getName() == "ND_open_pbr_surface_surfaceshader"
+    assert surface.getInputValue("specular_ior") == close_to(1.6, rtol=1e-6, atol=0.0)
+    assert [one.getName() for one in found.getMaterialNodes()] == ["material"]
+
+
+def test_a_smooth_surface_is_a_mirrors_lobe_of_a_model(tmp_path: Path) -> None:
+    glossy = {**GREY, "nodes": 8, "layer": [GLASS, *GREY["layer"]]}
+    done = vrte.export(glossy, tmp_path / "a.json", VISIBLE)
+    bsdf = json.loads((tmp_path / "a.json").read_text())["bsdf"]
+    assert bsdf["eta"] == close_to(1.5, rtol=0.0, atol=1e-4)
+    assert bsdf["roughness"] == close_to(0.001**0.5, rtol=0.0, atol=1e-4)
+    assert done.energy < 0.05
+    mirror = {**GREY, "nodes": 8, "base": {"kind": "mirror", "index": [0.2, 3.0]}}
+    with pytest.raises(vrte.SceneError, match=r"a \.json cannot hold the beam .*: its model has one smooth surface"):
+        vrte.export(mirror, tmp_path / "b.json", VISIBLE)

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -14,13 +15,14 @@ from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, share_progress
 from vrte.calls.spectrum import Source, prepare_scenes, solve_spectrum
-from vrte.exports import measured, merl, polarized
+from vrte.exports import fitted, measured, merl, polarized
 from vrte.exports.colour import weigh_channels
 from vrte.formats.atomic import read_text, write_text
 from vrte.formats.contents import describe_result
 from vrte.formats.measured_polarized import AZIMUTHS, COSINES, directions, make_unit_vectors
 from vrte.formats.scene_file import SceneFile, read_listed_wavelengths
 from vrte.formats.toml_table import LARGEST_FILE
+from vrte.optics.fresnel import reflect_smooth
 from vrte.request.how import EXACT, complete_docstring
 from vrte.results.brdf import Spectrum, check_ascending
 from vrte.results.result import find_finest_nodes
@@ -57,6 +59,7 @@ class Format(NamedTuple):
     note: str
     plugin: str = ""  # Mitsuba's BSDF that reads it, where it can lie below a dielectric
     colours: bool = False  # in place of wavelengths
+    fits: bool = False  # a model, which has a mirror's lobe for a smooth surface on top
     beside: str = ""  # suffix of a text with the description, where the file has no place for one
 
 
@@ -64,6 +67,8 @@ FORMATS = {
     ".pbsdf": Format(polarized.tabulate_polarized, polarized.NOTE, "measured_polarized"),
     ".bsdf": Format(measured.tabulate_measured, measured.NOTE, "measured"),
     ".binary": Format(merl.tabulate_merl, merl.NOTE, colours=True, beside=".txt"),
+    ".json": Format(partial(fitted.fit_model, fitted.PRINCIPLED), fitted.NOTE, colours=True, fits=True),
+    ".mtlx": Format(partial(fitted.fit_model, fitted.OPENPBR), fitted.NOTE, colours=True, fits=True),
 }
 
 
@@ -122,7 +127,8 @@ def export(
     """Solves a scene and writes its BRDF as a renderer reads it, by suffix (docs/how_to/exports.md).
 
     ``.pbsdf``: Mueller matrices for Mitsuba's ``measured_polarized``; ``.bsdf``: spectra for Mitsuba's ``measured`` and
-    pbrt-v4, sampled after the BRDF; ``.binary``: colours in MERL's format.
+    pbrt-v4, sampled after the BRDF; ``.binary``: colours in MERL's format; ``.json`` and ``.mtlx``: numbers of
+    Mitsuba's ``principled`` and of a surface of OpenPBR in MaterialX, fitted to the BRDF.
 
     Parameters
     ----------
@@ -177,19 +183,23 @@ def export(
             raise SceneError("nested is for the surface on top: illuminate must be 'top'", "illuminate")
         surface, files = take_off_surface(files)
     exact = solve_to_compare(files, at, asked)
-    notes = list_beams(exact, kind, path, nested, diffuse)
+    smooth = find_smooth_surface(files, exact) if kind.fits and not diffuse else None
+    notes = list_beams(exact, kind, path, nested, diffuse) if smooth is None else []
     spectrum = solve_for_file(files, at, exact, asked, second)
-    step = {"step_deg": step_deg} if path.suffix == ".pbsdf" else {}
-    made = kind.make(spectrum, [file.scene.facets_on_top for file in files], **step)
+    more = {"smooth": smooth} if kind.fits else {"step_deg": step_deg} if kind is FORMATS[".pbsdf"] else {}
+    made = kind.make(spectrum, [file.scene.facets_on_top for file in files], **more)
+    notes += [made.note] if isinstance(made, fitted.FittedFile) else []
     paths = (
         path,
         *([path.with_suffix(".xml")] if nested else []),
         *([path.with_suffix(kind.beside)] * bool(kind.beside)),
     )
-    found = compare(made, exact, weigh_channels(at) if kind.colours else None)
+    found = compare(made, exact, weigh_channels(at) if kind.colours else None, mirrored=smooth is not None)
     done = Exported(paths, tuple(at.tolist()), *found, tuple(notes))
-    more = {"wavelengths_um": done.wavelengths_um, "note": kind.note, "error": done}
-    described: dict[str, Any] = {**describe_result(spectrum), **more}
+    described: dict[str, Any] = {**describe_result(spectrum)}
+    for name in ("comment", "diagnostics") if kind.colours else ():  # long, and of no use to whoever has colours alone
+        described.pop(name)
+    described |= {"wavelengths_um": done.wavelengths_um, "note": kind.note, "error": done}
     text = "\n".join([*(f"{name}: {value}" for name, value in described.items()), *notes])
     made.write(path, text)
     if kind.beside:
@@ -255,6 +265,17 @@ def take_off_surface(files: Sequence[SceneFile]) -> tuple[tuple[float, float], l
     return indices[0], [replace(file, scene=file.scene.without_surface()) for file in files]
 
 
+def find_smooth_surface(files: Sequence[SceneFile], exact: Spectrum) -> float | None:
+    """The index below over that above a smooth surface on top, at the middle wavelength, where it is what mirrors
+    beams; None where it is not, or where there is none."""
+    surfaces = [surface for file in files if (surface := file.scene.interfaces[0]) and surface.is_smooth]
+    if exact.specular_reflectance is None or len(surfaces) < len(files):
+        return None
+    ratios = [surface.index_below / surface.index_above for surface in surfaces]
+    alone = np.stack([reflect_smooth(ratio, exact.mu_i)[:, 0, 0] for ratio in ratios])
+    return ratios[len(ratios) // 2] if np.abs(exact.specular_reflectance - alone).max() <= NO_BEAM else None
+
+
 def list_beams(exact: Spectrum, kind: Format, path: Path, nested: bool, diffuse: bool) -> list[str]:
     """Notes on mirrored beams. Raises SceneError where one is missing in the file and that is not asked for."""
     shares = exact.specular_reflectance
@@ -270,9 +291,11 @@ def list_beams(exact: Spectrum, kind: Format, path: Path, nested: bool, diffuse:
     low, high = (f"{share:.3g}" for share in (shares[:, steep].min(), shares[:, steep].max()))
     where = f"{low if low == high else f'{low} to {high}'} of the light at mu_i {exact.mu_i[steep]:.3g}"
     if not diffuse:
-        able = " nested=True (--nested) puts Mitsuba's own dielectric above a table of what lies below;" * bool(
-            kind.plugin
-        )
+        able = ""
+        if kind.plugin:
+            able = " nested=True (--nested) puts Mitsuba's own dielectric above a table of what lies below;"
+        elif kind.fits:
+            able = " its model has one smooth surface, on top;"
         words = f"a {path.suffix} cannot hold the beam that is mirrored, {where}"
         raise SceneError(f"{words}:{able} diffuse=True (--diffuse) leaves it out")
     return [f"left out is the mirrored beam, {where}: no table holds what goes into one direction"]
@@ -300,10 +323,13 @@ def solve_for_file(
     return solve_spectrum(files, wavelengths, progress, **given)
 
 
-def compare(made: File, exact: Spectrum, weights: Array | None) -> tuple[float, float, int, float, float]:
+def compare(
+    made: File, exact: Spectrum, weights: Array | None = None, mirrored: bool = False
+) -> tuple[float, float, int, float, float]:
     """Median and 95 % of the difference over f00, pairs, difference of reflectances, and 95 % of that of swapped
-    directions; ``weights`` (channel, wavelength) where a file has other channels than wavelengths."""
-    wanted, reflected = np.moveaxis(exact.mueller, 0, 3), exact.reflectance.T
+    directions; ``weights`` (channel, wavelength) where a file has other channels than wavelengths; ``mirrored``: the
+    file has a lobe for the mirrored beam."""
+    wanted, reflected = np.moveaxis(exact.mueller, 0, 3), (exact.total_reflectance if mirrored else exact.reflectance).T
     mu_i, mu_o, phi = (part.ravel() for part in np.meshgrid(exact.mu_i, exact.mu_o, exact.phi, indexing="ij"))
     found = made.evaluate(exact.mu_i, *(part.reshape(exact.mu_i.size, -1) for part in (mu_o, phi)))
     swapped = made.evaluate(mu_o, mu_i[:, None], phi[:, None])
