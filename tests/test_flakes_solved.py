@@ -13,10 +13,12 @@ from vrte.basics.arrays import Array
 from vrte.basics.quadrature import find_gauss_legendre
 from vrte.basics.running import start_run
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
+from vrte.discrete_ordinates.orders.oriented_flakes import scatter_flux
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled
 from vrte.discrete_ordinates.orders.slab_response import respond_by_doubling
 
 from .helpers import assert_close
+from .test_photons import check
 
 METAL = vrte.flakes(0.3 + 3.0j, tilt_deg=15.0)
 ALUMINIUM = vrte.flakes(0.9 + 6.0j, tilt_deg=12.0)
@@ -261,6 +263,32 @@ def test_many_scenes_with_flakes_are_each_as_alone() -> None:
     together = vrte.brdfs(scenes, MU, MU, PHI, nodes=6)
     for scene, found in zip(scenes, together, strict=True):
         np.testing.assert_array_equal(found.mueller, vrte.brdf(scene, MU, MU, PHI, nodes=6).mueller)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["beside particles", *(pytest.param(each, marks=pytest.mark.slow) for each in STACKS if "particles" not in each)],
+)
+@pytest.mark.parametrize("mu_i", [0.15, 0.6])
+def test_photons_see_the_same_light(name: str, mu_i: float) -> None:
+    """All sixteen elements in bins of light up and down, within 5 standard errors; they share the scene alone."""
+    check(STACKS[name], 300_000, mu_i, most=5.0, accuracy=1e-4)
+
+
+def test_flux_that_flakes_scatter_is_that_of_a_plain_sum() -> None:
+    """Over tilts and azimuths of Jones vectors: of I and of Q."""
+    tilt, psi = np.linspace(0.0, 0.5 * np.pi, 2001)[1::2], (np.arange(720) + 0.5) * (np.pi / 720)
+    share = METAL.find_density(tilt) * np.sin(tilt) * (np.pi / 2000) * (2.0 * np.pi / 720)
+    for mu in (0.05, 0.6):
+        sine = np.sqrt(1.0 - mu * mu)
+        h = np.stack([np.outer(np.sin(tilt), np.cos(psi)), np.outer(np.sin(tilt), np.sin(psi))])
+        upright = np.cos(tilt)[:, None]
+        c = sine * h[0] + mu * upright
+        r_p, r_s = (np.abs(each) ** 2 for each in METAL.reflect(np.abs(c)))
+        along = mu * h[0] - sine * upright  # along theta-hat, and h[1] across
+        cosine = (along**2 - h[1] ** 2) / (along**2 + h[1] ** 2)
+        right = [share @ (np.abs(c) * part).sum(axis=1) for part in (0.5 * (r_p + r_s), 0.5 * (r_p - r_s) * cosine)]
+        assert_close(scatter_flux(METAL, np.array([mu]))[0], right, rtol=0.0, atol=3e-6)
 
 
 @pytest.mark.usefixtures("opencl")

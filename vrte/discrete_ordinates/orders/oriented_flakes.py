@@ -16,7 +16,7 @@ from vrte.optics.flake_orders import gather_flake_orders
 from vrte.optics.flakes import Flakes
 from vrte.scene.oriented import Oriented
 
-POINTS = 16  # of Gauss's rule in a panel of tilts, and on either side of the azimuth where flakes are lit edgewise
+POINTS = 20  # of Gauss's rule in a panel of tilts, and on either side of the azimuth where flakes are lit edgewise
 ACCURACY = 1e-9  # of the integrals over flakes
 RECIPROCAL = np.diag([1.0, 1.0, 1.0, -1.0])
 SAMPLES = 17  # directions in which the share of light that is scattered is looked at
@@ -104,23 +104,29 @@ def scatter_flux(flakes: Flakes, mu: Array) -> Array:
         return np.stack([whole, np.zeros_like(whole)], axis=1)
     x, weights = find_gauss_legendre(POINTS)
     x, weights = 0.5 * (x + 1.0), 0.5 * weights
-    size = np.diff(flakes.panels)[:, None]
-    tilt, share = (flakes.panels[:-1, None] + x * size).ravel(), (weights * size).ravel()
-    share = share * np.sin(tilt) * flakes.find_density(tilt)
-    cosine, sine = mu[:, None, None], np.sqrt((1.0 - mu) * (1.0 + mu))[:, None, None]
-    along, across = cosine * np.cos(tilt)[:, None], sine * np.sin(tilt)[:, None]
-    edge = np.arccos(np.clip(-along / np.maximum(across, 1e-300), -1.0, 1.0))  # where flakes are lit from below
     found = np.zeros((3, mu.size))
-    for start, stop in ((0.0, edge), (edge, math.pi)):
-        psi = start + x * (stop - start)
-        c = along + across * np.cos(psi)
-        r_p, r_s = (np.abs(each) ** 2 for each in flakes.reflect(np.abs(c)))
-        part = share[:, None] * weights * (stop - start) * np.abs(c)
-        # h along theta-hat and phi-hat of the light: the plane of incidence has the former's share of h across w
-        square = (cosine * np.sin(tilt)[:, None] * np.cos(psi) - sine * np.cos(tilt)[:, None]) ** 2
-        turned = 2.0 * square / np.maximum((1.0 - c) * (1.0 + c), 1e-300) - 1.0
-        terms = (part, 0.5 * (r_p + r_s) * part, 0.5 * (r_p - r_s) * turned * part)
-        found += np.stack([term.sum(axis=(1, 2)) for term in terms])
+    for row, along in enumerate(mu.tolist()):
+        sine = math.sqrt((1.0 - along) * (1.0 + along))
+        kink = math.atan2(along, sine)  # tilt from which on some flakes are lit from below
+        edges = flakes.panels
+        low = np.append(edges[edges < kink], min(kink, edges[-1]))
+        high = np.sqrt(np.append(0.0, edges[edges > kink] - kink))  # the square root at the kink becomes smooth
+        root, rate = ((high[:-1, None] + x * np.diff(high)[:, None]).ravel(), np.diff(high)[:, None] * weights)
+        tilt = np.concatenate([(low[:-1, None] + x * np.diff(low)[:, None]).ravel(), kink + root**2])
+        share = np.concatenate([(np.diff(low)[:, None] * weights).ravel(), 2.0 * root * rate.ravel()])
+        share *= np.sin(tilt) * flakes.find_density(tilt)
+        upright, across = along * np.cos(tilt), sine * np.sin(tilt)
+        edge = np.arccos(np.clip(-upright / np.maximum(across, 1e-300), -1.0, 1.0))[:, None]
+        for start, stop in ((0.0, edge), (edge, math.pi)):
+            psi = start + x * (stop - start)
+            c = upright[:, None] + across[:, None] * np.cos(psi)
+            r_p, r_s = (np.abs(each) ** 2 for each in flakes.reflect(np.abs(c)))
+            part = share[:, None] * weights * (stop - start) * np.abs(c)
+            # the plane of incidence has the share of h across w that lies along theta-hat
+            square = (along * np.sin(tilt)[:, None] * np.cos(psi) - sine * np.cos(tilt)[:, None]) ** 2
+            turned = 2.0 * square / np.maximum((1.0 - c) * (1.0 + c), 1e-300) - 1.0
+            terms = (part, 0.5 * (r_p + r_s) * part, 0.5 * (r_p - r_s) * turned * part)
+            found[:, row] += [term.sum() for term in terms]
     return (found[1:] / found[0] * whole).T
 
 
