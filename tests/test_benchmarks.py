@@ -11,7 +11,7 @@ import pytest
 import vrte
 from bench import benchmarks
 
-from . import oracle
+from . import literal_rough, oracle
 from .helpers import assert_close, call_study
 from .literal import D, azimuthal_sum
 
@@ -116,6 +116,28 @@ def test_the_oracle_has_the_same_numbers(path: Path, tmp_path: Path) -> None:
     size = max(np.nanmax(np.abs(values)) for values in expected.values())
     for key in compared:
         assert_close(numbers[key], expected[key], rtol=0.0, atol=1e-11 * size, err_msg=str(key))
+
+
+@pytest.mark.slow
+def test_a_literal_program_has_the_powder_under_a_rough_surface() -> None:
+    """Every matrix to half of the last digit and 1e-10, of facets by Jones vectors in space and adding-doubling."""
+    (path,) = benchmarks.find_benchmarks(FOLDER, "powder_under_a_rough_surface")
+    benchmark = benchmarks.read_benchmark(path)
+    (file,) = benchmark.make_files()
+    (layer,), asked = file.scene.layers, file.request
+    (surface, _), albedo = file.scene.interfaces, file.scene.below.even_albedo
+    assert surface is not None
+    mu_i, mu_o, phi = (np.array(asked[name], float) for name in ("mu_i", "mu_o", "phi"))
+    orders = literal_rough.find_brdf(surface.facets, 1.5, layer, albedo, mu_i.tolist(), mu_o.tolist())
+    own = literal_rough.facets(
+        surface.facets, 1.5 + 0j, -mu_i[:, None, None], mu_o[:, None], np.radians(phi) + 0.0 * mu_o[:, None]
+    )
+    found = azimuthal_sum(orders, phi) + own
+    for (i, o, p), matrix in zip(np.ndindex(found.shape[:3]), found.reshape(-1, 4, 4), strict=True):
+        key = map(benchmarks.show_key, (mu_i[i], mu_o[o], phi[p]))
+        cosines = ("mueller", *key, "", "")
+        printed = np.array([benchmark.numbers[(*cosines, one)] for one in benchmarks.STOKES], float).T
+        assert_close(matrix, printed, rtol=0.0, atol=5.1e-9)
 
 
 def find_field(file: benchmarks.SceneFile, nodes: int, n_order: int) -> dict[benchmarks.Key, np.ndarray]:
