@@ -155,6 +155,10 @@ OTHERS = list_faults(
      "the search for the hiding thickness ends too early", "appearance_hiding"),
     ("stale-slopes", "fit/problem.py", "if self.updates and not", "if self.updates > 10**9 and not",
      "derivatives that lead nowhere are never found anew", "fit"),
+    ("either-unit", "fit/instruments.py", "if largest >= 100.0 * darkest and", "if largest >= 1e9 * darkest and",
+     "values that may be per cent or fractions are guessed in silence", "instruments"),
+    ("two-tables", "formats/instrument_files.py", "(lines[index][2]) == width:", "(lines[index][2]) > width:",
+     "a second table in a file is left out in silence", "instruments"),
 )  # fmt: skip
 
 FAULTS = CORE + DEVICE + ORDINATES + METHODS + OTHERS

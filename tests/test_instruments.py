@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import vrte
 from vrte.fit.files import read_fit
 
-from .helpers import assert_close, run
+from .helpers import assert_close, close_to, run
 
 CXF = """<?xml version="1.0" encoding="UTF-8"?>
 <cc:CxF xmlns:cc="http://colorexchangeformat.com/CxF3-core"><cc:Resources><cc:ObjectCollection>
@@ -114,6 +114,13 @@ def test_colours_are_read_with_their_light(tmp_path: Path) -> None:
         found = vrte.read_measurement(write(tmp_path, content), geometry="45:0", **keywords)
         assert (found.quantity.tolist(), found.value.tolist()) == (["L", "a", "b"], [90.0, -1.0, 3.0])
         assert (found.illuminant[0], found.observer[0], found.geometry[0]) == (*light, "45:0")
+    more = vrte.read_measurement(
+        write(tmp_path, "Name,Gloss,L,a,b,X,Y,Z\nWhite,80,90,-1,3,1,2,3\n"), geometry="45:0", illuminant="A", observer=2
+    )
+    assert more.understood[2:4] == (
+        "X, Y, Z stand beside L, a, b: quantity='XYZ' takes them",
+        "not read: 'Gloss', 'X', 'Y', 'Z'",
+    )
     found = vrte.read_measurement(write(tmp_path, "X,Y,Z\n1,2,3\n"), geometry="45:0", illuminant="C", observer=2)
     assert (found.quantity.tolist(), found.value.tolist()) == (["X", "Y", "Z"], [1.0, 2.0, 3.0])
 
@@ -383,3 +390,15 @@ def test_measurements_of_several_files_are_joined(tmp_path: Path) -> None:
     assert both.base.tolist()[:4] == [0.0] * 4
     with pytest.raises(vrte.SceneError, match="sigma is missing"):
         black.join([vrte.Measurement("L", 90.0, 0.1, geometry="45:0")])
+
+
+@pytest.mark.slow
+def test_the_thickness_of_a_drawdown_is_found_over_both_cards() -> None:
+    """examples/drawdown.txt was computed for 15 um, with noise of 0.1 %."""
+    file = Path(__file__).parents[1] / "examples" / "drawdown.txt"
+    measured = vrte.read_measurement(file, geometry="8:de", base={"over black": 0.0, "over white": 0.8}, sigma=8e-4)
+    paint = {"pigment": "rutile", "volume_fraction": 0.15, "binder": "alkyd", "thickness_um": 8.0}
+    free = {"paint.thickness_um": {"low": 2.0, "high": 60.0}}
+    found = vrte.fit(measured, {"accuracy": 1e-4, "paint": paint}, free)
+    assert found.values[0] == close_to(15.0, rtol=0.0, atol=3.0 * found.errors[0])
+    assert found.errors[0] < 0.05

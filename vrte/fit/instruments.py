@@ -203,7 +203,7 @@ class Interpreter:
         wanted = self.get("quantity", None, *QUANTITIES, *colours)
         if spectral and wanted not in colours:
             if colours and not wanted:
-                self.say(f"{colours[0]} stands beside the spectra and is not read: quantity={colours[0]!r} takes it")
+                self.say(f"{colours[0]} stands beside the spectra: quantity={colours[0]!r} takes it")
             self.get("wavelength_unit", "nm")
             self.say(
                 f"spectra in rows, wavelengths {min(spectral.values()):g} to {max(spectral.values()):g} nm in heads"
@@ -215,7 +215,7 @@ class Interpreter:
         elif colours:
             chosen = wanted if wanted in colours else colours[0]
             if chosen != colours[-1] and not wanted:
-                self.say("X, Y, Z stand beside L, a, b and are not read: quantity='XYZ' takes them")
+                self.say("X, Y, Z stand beside L, a, b: quantity='XYZ' takes them")
             yield from self.list_rows(columns, [columns[one] for one in chosen], [*chosen], {})
         elif not {*AXES, *QUANTITIES}.isdisjoint(columns):
             yield from self.list_columns(roles, columns, wanted)
@@ -230,6 +230,9 @@ class Interpreter:
         bases = self.table.words(columns["base"]) if "base" in columns else None
         if bases is None:
             labels = [label or f"row {row + 1}" for row, label in enumerate(labels)]
+        read = {*names, columns.get("sample"), columns.get("base")}
+        if unread := [name for name in self.table.names if name not in read]:
+            self.say(f"not read: {list_names(unread)}")
         unit = "percent" if any(self.heads[name][1] == "percent" for name in names) else ""
         numbers = np.array([self.read_numbers(name) for name in names])
         for label in dict.fromkeys(labels):
@@ -263,6 +266,8 @@ class Interpreter:
         usual = "reflectance" if "wavelength_um" in where and "theta_o_deg" not in where else ""
         sure = ("value", *QUANTITIES)
         names = [name for name, role in roles.items() if role in sure or (not role and self.holds_numbers(name))]
+        if unread := [name for name, role in roles.items() if role == "-"]:
+            self.say(f"not read: {list_names(unread)}")
         if not names:
             self.ask("columns", f"columns={{'value': ...}} says which are the values: there are {list_names([*roles])}")
         bare = {name: strip_unit(name, self.heads[name][0]) for name in names}
