@@ -89,7 +89,7 @@ class Photons(Labelled):
         bins = (*depths, np.size(self.mu_edges) - 1, np.size(self.phi_edges) - 1, 4, 4)
         shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("up", "up_error", "down", "down_error"), bins)
         shapes |= {f"beam_{way}{what}": (*depths, 4, 4) for way in ("up", "down") for what in ("", "_error")}
-        shapes |= {"absorbed": (beams, np.shape(self.absorbed)[-1]), "lost": (beams,), "balance": (beams,)}
+        shapes |= {"absorbed": (beams, *np.shape(self.absorbed)[-1:]), "lost": (beams,), "balance": (beams,)}
         shapes |= {name: (np.size(getattr(self, name)),) for name in ("mu_i", "tau", "mu_edges", "phi_edges")}
         self._freeze(shapes)
 
