@@ -64,7 +64,8 @@ ALSO = {
     "derivatives": "variation thickness albedo", "thickness": "thickness_um times", "scene_at": "is_outside",
     "transmission": "transmitted", "stokes": "light", "geometry": "geometries", "six elements": "spheres",
     "a wavelength": "wavelength_um", "wavelength": "wavelengths_um", "angles": "angle_deg",
-    "no known convention": "angle_deg", "phi": "phi_deg", "directions": "phi_deg mu mu_i mu_o mu0 tau phi mu_edges phi_edges",
+    "no known convention": "angle_deg", "phi": "phi_deg",
+    "directions": "phi_deg mu mu_i mu_o mu0 tau phi mu_edges phi_edges",
     "f must": "f_iso f_vol f_geo hot_spot", "the phase matrix is not physical": "a1 a2 a3 a4 b1 b2",
 }  # fmt: skip
 
