@@ -1,7 +1,7 @@
 """vrte.brdf: the Mueller BRDF of a scene, and its transmission."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -9,6 +9,7 @@ from vrte.basics.arrays import Array, freeze_copy, is_readonly, make_readonly
 from vrte.basics.running import Progress, start_run
 from vrte.calls.derivatives import Derivative, Derivatives, collect_jacobians, find_light, read_derivatives
 from vrte.calls.energy import note_energy
+from vrte.calls.photon_check import note_photons
 from vrte.discrete_ordinates.execution.through_interfaces import find_rough_reflection
 from vrte.methods import choose_method
 from vrte.methods.discrete_ordinates import warn_of_negative
@@ -33,7 +34,7 @@ def brdf(
     transmission: bool = False,
     progress: Progress | None = None,
     algorithm: str | None = None,
-    verify: bool | None = None,
+    verify: bool | Literal["photons"] | None = None,
     accuracy: float | None = None,
     truncation: str | None = None,
     backend: str | None = None,
@@ -95,7 +96,7 @@ def make_brdf(request: Request, solution: Solution, derivatives: Sequence[Deriva
     if request.coherent:
         arrays["coherent"] = find_interference(scene, request.mu0, mu_o, request.phi, arrays["mueller"])
     found = {"illuminate": request.illuminate, "index_outside": scene.index_below if is_turned else scene.index_above}
-    diagnostics = note_interference(request, note_energy(request, solution) | found)
+    diagnostics = note_interference(request, note_energy(request, solution) | note_photons(request) | found)
     if not derivatives:  # the arrays fit together
         arrays |= {"mu_i": request.mu0, "mu_o": mu_o, "phi": request.phi}
         frozen = {name: each if is_readonly(each) else freeze_copy(each) for name, each in arrays.items()}

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 
@@ -349,7 +349,7 @@ def brdfs(
     backend: str | None = None,
     illuminate: str = "top",
     time_limit_s: float | None = None,
-    verify: bool | None = None,
+    verify: bool | Literal["photons"] | None = None,
     method: str = "discrete-ordinates",
     settings: Mapping[str, Any] | None = None,
     precision: str | None = None,

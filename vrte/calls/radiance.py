@@ -2,7 +2,7 @@
 them, with the sun, line of sight and azimuth of each."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress
 from vrte.calls.derivatives import Derivative, Derivatives, collect_jacobians, find_light, read_derivatives
 from vrte.calls.energy import note_energy
+from vrte.calls.photon_check import note_photons
 from vrte.calls.plan import make_request, warn_runtime_of_all
 from vrte.methods import choose_method
 from vrte.methods.discrete_ordinates import warn_of_negative
@@ -36,7 +37,7 @@ def radiance(
     threads: int | None = None,
     progress: Progress | None = None,
     algorithm: str | None = None,
-    verify: bool | None = None,
+    verify: bool | Literal["photons"] | None = None,
     accuracy: float | None = None,
     truncation: str | None = None,
     backend: str | None = None,
@@ -127,7 +128,7 @@ def make_field(
         phi=request.phi,
         mu0=float(request.mu0[0]) if alone else request.mu0,
         incident_stokes=request.incident,  # type: ignore[arg-type]
-        diagnostics=note_energy(request, solution) | {"illuminate": request.illuminate},
+        diagnostics=note_energy(request, solution) | note_photons(request) | {"illuminate": request.illuminate},
         index=index,
         **arrays,
         **jacobians,

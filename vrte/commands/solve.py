@@ -21,7 +21,7 @@ from vrte.formats.contents import Result
 from vrte.formats.result_file import write_csv
 from vrte.formats.scene_family import SceneFamily
 from vrte.formats.scene_file import SceneFile, read_content, read_listed_wavelengths, read_scene
-from vrte.request.how import EXACT, OPTIONS
+from vrte.request.how import EXACT, OPTIONS, PHOTONS
 from vrte.results.brdf import Brdf, Spectrum, add_scene_text, check_ascending
 from vrte.results.field import Field
 from vrte.results.over_hemisphere import check_directions
@@ -71,6 +71,7 @@ def describe_result(result: Brdf | Field) -> None:
         if made["orders_repeated"]:
             lines.append(f"{len(made['orders_repeated']['orders'])} orders repeated by {made['orders_repeated']['by']}")
     lines += [describe_agreement(made["agreement"])] if "agreement" in made else []
+    lines += [describe_photons(made["photons"])] if "photons" in made else []
     if isinstance(result, Brdf):
         diffuse = "" if result.specular is None else ", diffuse"
         lines.append(f"directional-hemispherical reflectance{diffuse}: {list_shares(result.reflectance, result.mu_i)}")
@@ -134,6 +135,12 @@ def describe_agreement(found: dict[str, Any]) -> str:
     return f"{agreed} ({found['orders_compared']} orders compared)"
 
 
+def describe_photons(found: dict[str, Any]) -> str:
+    """How far photons are from the light that was found, in words."""
+    off = ", ".join(f"{name} {found[name]:.1f}" for name in "IQUV")
+    return f"{found['photons']} photons a beam: off by {off} standard errors at most, of {found['noise']:.1e}"
+
+
 def print_times(clock: dict[str, dict[str, float]], result: Result) -> None:
     """A table of wall seconds by name, and of thread seconds of the solver's stages, all wavelengths added up."""
     stages = Run(1)
@@ -181,6 +188,9 @@ def check(options: argparse.Namespace) -> None:
 
 def run(options: argparse.Namespace) -> None:
     asked = {name: getattr(options, name) for name in (*HOW, "side") if getattr(options, name, None) is not None}
+    if options.photons and options.verify:
+        raise SceneError("--verify and --photons are two checks: ask for one of them", "verify")
+    asked |= {"verify": PHOTONS} if options.photons else {}
     asked |= {"settings": dict(options.set)} if options.set else {}
     asked |= {"coherent": True} if getattr(options, "coherent", False) else {}
     clock, paths = Run(1), list[Path]()

@@ -95,6 +95,14 @@ def check_settings(name: str, value: Any) -> dict[str, Any]:
     return dict(value)
 
 
+PHOTONS = "photons"  # what verify can be beside true and false
+
+
+def check_verify(name: str, value: Any) -> Any:
+    """Whether to verify, or by photons."""
+    return value if value == PHOTONS else check_flag(name, value)
+
+
 def make_option(
     name: str, default: Any, of: type, check: Callable[[str, Any], Any], allowed: str, choices: tuple[str, ...] = ()
 ) -> Any:
@@ -128,7 +136,7 @@ class How:
     """
 
     algorithm: str = make_choice_option("algorithm", "auto", ALGORITHMS)
-    verify: bool = make_option("verify", False, bool, check_flag, "true or false")
+    verify: bool = make_option("verify", False, bool, check_verify, 'true, false or "photons"')
     accuracy: float = make_option(
         "accuracy",
         None,
@@ -162,8 +170,11 @@ class How:
     grading: int | None = make_number_option("grading", MOST_GRADING)
     threads: int | None = make_number_option("threads", MOST_THREADS)
     given: Any = None  # frozenset of names
+    by_photons: bool = False  # verify="photons", which every method takes; verify is False then
 
     def __post_init__(self) -> None:
+        if self.verify == PHOTONS:
+            vars(self).update(verify=False, by_photons=True)
         left_out = {name for name in OPTIONS if (value := getattr(self, name)) is None or value is False}
         found: dict[str, Any] = {"given": frozenset(NOT_FOR_ALL) - left_out} if self.given is None else {}
         for name, known in OPTIONS.items():
