@@ -162,16 +162,18 @@ def test_rayleigh_once_in_closed_form() -> None:
         assert np.abs(off).max() < MOST
 
 
-# flux out per flux in of flakes of area 2, sigma 15 degrees, index 0.3 + 3i, lit at 50 degrees: by another program, rows
-# of cosines and columns of azimuths; bare, and in a binder of index 1.5 under a smooth surface; I, then Q
+# flux out per flux in of flakes of area 2, sigma 15 degrees, index 0.3 + 3i, lit at 50 degrees, by another program: by
+# cosines and azimuths (columns), I, then Q; bare, and in a binder of index 1.5 under a smooth surface
 FLAKE_COSINES, FLAKE_AZIMUTHS = [0.0, 0.35, 0.6, 0.8, 1.0], [0.0, 45.0, 135.0, 180.0]
 BARE = [
-    [[0.06322, 0.00660, 0.00105], [0.10806, 0.01783, 0.00237], [0.10953, 0.03284, 0.00423], [0.09264, 0.06488, 0.01417]],
+    [[0.06322, 0.00660, 0.00105], [0.10806, 0.01783, 0.00237], [0.10953, 0.03284, 0.00423],
+     [0.09264, 0.06488, 0.01417]],
     [[-0.00499, -0.00035, -0.0001], [-0.00685, -0.00045, -0.00016], [-0.00511, -0.00015, -0.00015],
      [-0.00274, 0.00062, -0.00022]],
 ]  # fmt: skip
 COATED = [
-    [[0.01333, 0.00958, 0.00186], [0.03331, 0.02657, 0.00555], [0.03868, 0.03675, 0.00890], [0.04169, 0.05435, 0.01813]],
+    [[0.01333, 0.00958, 0.00186], [0.03331, 0.02657, 0.00555], [0.03868, 0.03675, 0.00890],
+     [0.04169, 0.05435, 0.01813]],
     [[0.00242, 0.00149, 0.00037], [0.00285, 0.00156, 0.00059], [0.00151, 0.00039, 0.00054],
      [0.00084, -0.00072, 0.00062]],
 ]  # fmt: skip
