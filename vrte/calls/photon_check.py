@@ -47,7 +47,13 @@ def compare_with_photons(request: Request) -> dict[str, Any]:
     (mu, weight), (phi, share) = (spread_points(each) for each in edges)
     levels = np.arange(request.tau.size, dtype=np.int32)
     wanted = Wanted([(levels, np.arange(2 * mu.size, dtype=np.int32))], np.arange(4, dtype=np.int32), 1.0 / lit)
-    asked = {"kind": "brdf", "columns": UNIT_COLUMNS, "mu": np.concatenate([mu, -mu]), "phi": phi, "wanted": wanted}
+    asked: dict[str, Any] = {
+        "kind": "brdf",
+        "columns": UNIT_COLUMNS,
+        "mu": np.concatenate([mu, -mu]),
+        "phi": phi,
+        "wanted": wanted,
+    }
     again = choose_method(replace(request, **asked, fluxes_only=False, verify=False, by_photons=False))
     run = make_run(again)
     light = run_interruptible(run, lambda: solve_request(again, run)[1]).parts[0]
