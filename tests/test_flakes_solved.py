@@ -258,6 +258,30 @@ def test_derivatives_with_what_lies_beside_flakes_are_differences_of_solves() ->
     assert_close(found.jacobian["base.albedo"], right, rtol=0.0, atol=1e-6 * np.abs(right).max())
 
 
+@pytest.mark.parametrize(("key", "tolerance"), [("flake_area", 1e-6), ("tilt_deg", 5e-6)])
+def test_derivatives_with_numbers_of_flakes_are_differences_of_solves(key: str, tolerance: float) -> None:
+    """Steps of a tilt are a hundredth of it, which leaves 2e-6."""
+    scene, step = STACKS["metal"], 2e-4
+    found = vrte.brdf(scene, 0.5, MU, PHI, nodes=8, derivatives=[f"layer[1].{key}"]).jacobian[f"layer[1].{key}"]
+
+    def solve(more: float) -> Array:
+        tilt, area = (15.0 + more, 2.0) if key == "tilt_deg" else (15.0, 2.0 + more)
+        layer = vrte.Layer.of(vrte.flakes(0.3 + 3.0j, tilt_deg=tilt), flake_area=area)
+        return vrte.brdf(vrte.Scene([layer], scene.base), 0.5, MU, PHI, nodes=8).mueller
+
+    right = (solve(step) - solve(-step)) / (2.0 * step)
+    assert_close(found, right, rtol=0.0, atol=tolerance * np.abs(right).max())
+
+
+@pytest.mark.parametrize(("name", "words"), [
+    ("layer[2].flake_area", "there is no such layer"),
+    ("layer[1].tilt_deg", "it has no flakes"),
+])  # fmt: skip
+def test_derivatives_without_flakes_are_refused(name: str, words: str) -> None:
+    with pytest.raises(vrte.SceneError, match=words):
+        vrte.brdf(vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)]), 0.5, 0.5, derivatives=[name])
+
+
 def test_many_scenes_with_flakes_are_each_as_alone() -> None:
     scenes = [STACKS["metal"], vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)]), STACKS["under a surface"]]
     together = vrte.brdfs(scenes, MU, MU, PHI, nodes=6)

@@ -149,11 +149,13 @@ BASE_STEP = 2.0**-8  # of a number of a base, differences of sixth order
 LEAST_SCALE = 0.01  # of a number of a base that is near 0: what it changes by is no smaller
 LEAST_DEGREE = {"a1": 1, "a2": 2, "a3": 2, "a4": 0, "b1": 2, "b2": 2}  # below, nothing changes, or a1 its norm
 KNOWN = (
-    "layer[1].thickness, layer[1].albedo, layer[1].index, layer[1].coefficients[2].a1, base.albedo or another number "
-    "of the base, interface[1].index, interface[1].roughness"
+    "layer[1].thickness, layer[1].albedo, layer[1].index, layer[1].flake_area, layer[1].tilt_deg, "
+    "layer[1].coefficients[2].a1, base.albedo or another number of the base, interface[1].index, interface[1].roughness"
 )
 Weighted = tuple[tuple[float, Boundary], ...]
-LAYER = re.compile(r"layer\[(\d+)\]\.(?:(thickness|albedo|index)|coefficients\[(\d+)\]\.(a[1-4]|b[12]))")
+LAYER = re.compile(
+    r"layer\[(\d+)\]\.(?:(thickness|albedo|index|flake_area|tilt_deg)|coefficients\[(\d+)\]\.(a[1-4]|b[12]))"
+)
 BASE = re.compile(r"base\.(\w+)(?:\.([nk]))?")
 INTERFACE = re.compile(r"interface\[(\d+)\]\.(index|roughness)")
 
@@ -168,6 +170,8 @@ def vary_scene(scene: Scene, name: str) -> Variation:
         index, key = find_layer(scene, name, int(found[1])), found[2]
         if key is None:
             return vary_coefficient(scene, name, index, int(found[3]), found[4])
+        if key in ("flake_area", "tilt_deg"):
+            return vary_flakes(scene, name, index, key)
         return vary_medium(scene, name, index + 1) if key == "index" else vary_layer(scene, name, index, key)
     if found := INTERFACE.fullmatch(name):
         indices = [k for k, one in enumerate(scene.interfaces) if one is not None]
@@ -203,6 +207,24 @@ def vary_layer(scene: Scene, name: str, index: int, key: str) -> Variation:
     changes: dict[str, Any] = {"thickness": 0.0 * unit, "albedo": 0.0 * unit, key: unit}
     changes["scene_at"] = lambda now: replace_layer(scene, index, replace(layer, **{key: now}))
     return Variation(name, getattr(layer, key), **changes)
+
+
+def vary_flakes(scene: Scene, name: str, index: int, key: str) -> Variation:
+    """The change with the area of a layer's flakes or their tilt [degrees], by differences of solves."""
+    layer = scene.layers[index]
+    if layer.flakes is None or not layer.has_flakes or (math.isinf(layer.flake_area) and key == "flake_area"):
+        raise complain_of(
+            name, "a semi-infinite layer has no area to change" if layer.has_flakes else "it has no flakes"
+        )
+    if key == "tilt_deg" and layer.flakes.tilt_deg is None:
+        raise complain_of(name, "the tilts of its flakes are a table")
+    flakes, value = layer.flakes, layer.flake_area if key == "flake_area" else layer.flakes.tilt_deg
+
+    def scene_at(now: float) -> Scene:
+        changed = {key: now} if key == "flake_area" else {"flakes": replace(flakes, tilt_deg=now)}
+        return replace_layer(scene, index, replace(layer, **changed))
+
+    return vary_beside_layers(scene, name, float(value or 0.0), scene_at, is_outside=True)
 
 
 def vary_coefficient(scene: Scene, name: str, index: int, degree: int, column: str) -> Variation:
