@@ -16,6 +16,7 @@
 #define MOST_STEPS 400        /* fixed points */
 #define FEWEST_TO_HALVE 12    /* nodes: of fewer, half are no better a start than R = 0 */
 #define WEAKEST_RATE 0.02     /* of a step: below, R = 0 is as good a start as half of the nodes */
+#define NEAR 0.1              /* by how much, of its largest, R may move from half of the nodes to all */
 #define OF_HALF 1e-4          /* tolerance on half of the nodes: interpolation is off by as much */
 
 /* the end of a solve */

@@ -143,12 +143,19 @@ cdef struct Linear:
     doubles spare       # two sheets of the rows
 
 
+cdef void begin_at_zero(FactorColumns* rows) noexcept nogil:
+    """H of R = 0."""
+    cdef int kind
+    for kind in range(2):
+        copy(<size_t>rows[kind].rows * rows[kind].columns, rows[kind].phi, rows[kind].H)
+
+
 cdef double fixed_point(const Expansion* x, FactorColumns* rows, FactorColumns* nodes, given mu_row, given mu_node,
                         double rate, double tolerance, bint halves, bint begun, doubles R, doubles room, ints steps,
                         given_ints stop, const Linear* linear) noexcept nogil:
     """Fixed points for R of some rows until what is missing is below the tolerance; the rows may be the nodes. rate:
     what a step gains at least; room: six matrices like R; halves: on the nodes alone, where H C H^T is symmetric;
-    begun: from the rows' H, not from R = 0. With `linear`, which is NULL else, of the linearized equation."""
+    begun: from the rows' H, not from R = 0, if that is near. With `linear`, which is NULL else, of the linearized equation."""
     cdef int step, kind, k, size = rows[0].rows * nodes[0].rows
     cdef double gap, largest, missing = 1.0
     cdef doubles new
@@ -158,8 +165,8 @@ cdef double fixed_point(const Expansion* x, FactorColumns* rows, FactorColumns* 
     for k in range(3):
         past.led[k], past.moved[k] = room + <size_t>2 * k * size, room + <size_t>(2 * k + 1) * size
     set_zero(size, R)
-    for kind in range(2 if linear == NULL and not begun else 0):
-        copy(<size_t>rows[kind].rows * rows[kind].columns, rows[kind].phi, rows[kind].H)
+    if linear == NULL and not begun:
+        begin_at_zero(rows)
     for step in range(MOST_STEPS):
         new = past.led[0]
         for kind in range(2 if linear == NULL else 0):
@@ -179,6 +186,11 @@ cdef double fixed_point(const Expansion* x, FactorColumns* rows, FactorColumns* 
         gap, largest = largest_in(size, past.moved[0]), largest_in(size, new)
         missing = vrte_missing(gap, rate, largest)
         steps[0] += 1
+        if begun and step == 1 and not gap <= NEAR * largest:
+            begun = False                       # of several fixed points light is the one that is reached from R = 0
+            set_zero(size, R)
+            begin_at_zero(rows)
+            continue
         done = largest == 0.0 or missing <= tolerance or gap <= 4e-16 * largest or stop[0]
         if done or (begun and step == 0):   # the H that it began from is of no R: there is no movement yet
             copy(size, new, R)

@@ -16,7 +16,7 @@ HAS_OPENMP = bool(vrte_openmp)
 
 cdef extern from "core/constants.h":
     const double SEMI_INFINITE, DECAYING, RESONANT, NO_LIGHT, ROUNDING, THICK, COMPLEMENTED, STEEPEST_RATIO
-    const double WEAKEST_RATE, OF_HALF
+    const double WEAKEST_RATE, NEAR, OF_HALF
     enum: MOST_DOUBLINGS, MOST_STEPS, FEWEST_TO_HALVE, SERIES, MOST_COLUMNS, MOST_ENTRIES
 
 globals().update(
