@@ -155,7 +155,8 @@ cdef double fixed_point(const Expansion* x, FactorColumns* rows, FactorColumns* 
                         given_ints stop, const Linear* linear) noexcept nogil:
     """Fixed points for R of some rows until what is missing is below the tolerance; the rows may be the nodes. rate:
     what a step gains at least; room: six matrices like R; halves: on the nodes alone, where H C H^T is symmetric;
-    begun: from the rows' H, not from R = 0, if that is near. With `linear`, which is NULL else, of the linearized equation."""
+    begun: from the rows' H, not from R = 0, if that is near. With `linear`, which is NULL else, of the linearized
+    equation."""
     cdef int step, kind, k, size = rows[0].rows * nodes[0].rows
     cdef double gap, largest, missing = 1.0
     cdef doubles new
