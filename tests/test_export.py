@@ -59,7 +59,9 @@ def look_from(mitsuba: Any, direction: Array, nanometres: float) -> Any:
 
 
 @pytest.mark.parametrize(
-    ("content", "median", "most"), [(PAINT, 3e-3, 0.03), (POWDER, 3e-3, 0.03)], ids=["satin", "powder"]
+    ("content", "median", "most"),
+    [pytest.param(PAINT, 3e-3, 0.03, marks=pytest.mark.slow), (POWDER, 3e-3, 0.03)],
+    ids=["satin", "powder"],
 )
 def test_mitsuba_reads_and_samples_what_was_solved(
     content: dict[str, Any], median: float, most: float, mitsuba: Any, tmp_path: Path
@@ -287,7 +289,7 @@ def test_a_fit_finds_the_numbers_of_its_own_model(model: Any, monkeypatch: pytes
     assert found.most < 0.05
 
 
-@pytest.mark.parametrize("suffix", [".json", ".mtlx"])
+@pytest.mark.parametrize("suffix", [".json", pytest.param(".mtlx", marks=pytest.mark.slow)])
 def test_fits_say_how_far_they_are_off(suffix: str, tmp_path: Path) -> None:
     done = vrte.export(PAINT, tmp_path / f"a{suffix}", VISIBLE, accuracy=1e-4)
     text = (tmp_path / f"a{suffix}").read_text()
