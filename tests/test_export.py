@@ -254,7 +254,7 @@ def test_principled_is_that_of_mitsuba(tmp_path: Path) -> None:
     for light, view, wanted in zip(into, out, ours, strict=True):
         at.wi = found.Vector3f(*view)
         seen = np.array(bsdf.eval(found.BSDFContext(), at, found.Vector3f(*light))) / light[2]
-        assert_close(wanted, seen, rtol=2e-4, atol=1e-6)
+        assert_close(wanted, seen, rtol=1e-5, atol=0.0)
 
 
 def test_openpbr_sends_back_no_more_than_comes() -> None:
