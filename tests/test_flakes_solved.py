@@ -260,7 +260,7 @@ def test_derivatives_with_what_lies_beside_flakes_are_differences_of_solves() ->
 
 @pytest.mark.parametrize(("key", "tolerance"), [("flake_area", 1e-6), ("tilt_deg", 5e-6)])
 def test_derivatives_with_numbers_of_flakes_are_differences_of_solves(key: str, tolerance: float) -> None:
-    """Steps of a tilt are a hundredth of it, which leaves 2e-6."""
+    """Steps of a tilt are a thousandth of it, between which integrals differ in their last digits: 2e-6 is left."""
     scene, step = STACKS["metal"], 2e-4
     found = vrte.brdf(scene, 0.5, MU, PHI, nodes=8, derivatives=[f"layer[1].{key}"]).jacobian[f"layer[1].{key}"]
 
