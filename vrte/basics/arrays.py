@@ -122,10 +122,10 @@ def check_choice(name: str, value: Any, allowed: Iterable[str]) -> str:
     return value
 
 
-def check_flag(name: str, value: Any) -> bool:
+def check_flag(name: str, value: Any, allowed: str = "True or False") -> bool:
     """True or False; numbers such as 0 and 1 are refused."""
     if not isinstance(value, (bool, np.bool_)):
-        raise SceneError.of(name, f"must be True or False, not {show_value(value)}")
+        raise SceneError.of(name, f"must be {allowed}, not {show_value(value)}")
     return bool(value)
 
 

@@ -100,7 +100,9 @@ PHOTONS = "photons"  # what verify can be beside true and false
 
 def check_verify(name: str, value: Any) -> Any:
     """Whether to verify, or by photons."""
-    return value if value == PHOTONS else check_flag(name, value)
+    if isinstance(value, str) and value == PHOTONS:
+        return value
+    return check_flag(name, value, f"True or False or {PHOTONS!r}")
 
 
 def make_option(

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vrte.basics.arrays import Array, IntArray
+from vrte.basics.arrays import Array, IntArray, Remembered
 from vrte.basics.polarization import FLIP
 from vrte.basics.quadrature import RefractedNodes, find_gauss_legendre
 from vrte.optics.flake_orders import gather_flake_orders
 from vrte.optics.flakes import Flakes
 from vrte.scene.oriented import Oriented
 
+_EXPANDED = Remembered()
 POINTS = 20  # of Gauss's rule in a panel of tilts, and on either side of the azimuth where flakes are lit edgewise
 ACCURACY = 1e-9  # of the integrals over flakes
 RECIPROCAL = np.diag([1.0, 1.0, 1.0, -1.0])
@@ -138,17 +139,19 @@ def find_largest_albedo(one: Oriented, scattered: float) -> float:
     return min(max(float(share.max()), LEAST), MOST)
 
 
-def find_orders(problem: "Problem", one: Oriented, threads: int) -> tuple[Array, Array, Array]:
-    """`expand_flakes` of all orders, and `scatter_flux`, for the directions of a problem in one of its media; found
-    once."""
+def find_orders(problem: "Problem", one: Oriented, threads: int) -> tuple[Array, ...]:
+    """`expand_flakes` of all orders, and `scatter_flux`, for the directions of a problem in one of its media. They are
+    remembered: neither how many flakes there are nor what else the scene has matters for them."""
     media, out, into, count = problem.media, problem.mu_out, problem.mu0, problem.coefficients.shape[1]
     assert media is not None
+    nodes = media.nodes
 
-    def find() -> tuple[Array, Array, Array]:
+    def find() -> tuple[Array, ...]:
         flux = scatter_flux(one.flakes, problem.directions)
-        return *expand_flakes(one.flakes, media.nodes, out, into, count, threads), flux
+        return *expand_flakes(one.flakes, nodes, out, into, count, threads), flux
 
-    return media.find_once(find, f"orders of flakes {id(one.flakes)}, {count}", out, into)
+    placed = tuple(part.tobytes() for part in (nodes.highest, nodes.depth, nodes.measure, out, into))
+    return _EXPANDED.find((one.flakes, nodes.panels, placed, count), find)
 
 
 def lay_out(blocks: Array) -> Array:
