@@ -110,7 +110,7 @@ def calls() -> dict[str, Callable[[], list[Any]]]:
             continue
         many = method in ("adding-doubling", "matrix-operator", "single-scattering", "successive-orders")
         given = scene(None) if many else scalar()
-        nodes = {} if method in ("diffusion", "two-stream") else {"nodes": 6}
+        nodes = {} if method in ("diffusion", "monte-carlo", "two-stream") else {"nodes": 6}
         found[f"method {method}"] = lambda given=given, name=method, nodes=nodes: brdf(given, method=name, **nodes)
         found[f"method {method}, field"] = lambda given=given, name=method, nodes=nodes: field(
             given, method=name, tau=[0.0], mu=[0.9, 0.1], **nodes

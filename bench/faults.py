@@ -75,6 +75,8 @@ CORE = list_faults(
      "what a surface sends back down again is lost along the directions that are seen", "interfaces"),
     ("photon-turn", "core/photons.h", "m[2][j] = c2 * u - s2 * q;", "m[2][j] = s2 * q - c2 * u;",
      "sign of U where a photon's axis turns", "photons"),
+    ("photon-view", "core/photons.h", "sine > 0.0 ? sn / sine : 0.0", "sine > 0.0 ? -sn / sine : 0.0",
+     "sign of the azimuth that a photon is scattered to, along single directions", "photons"),
     ("photon-hidden", "core/photons.h", "kept = fmin(kept, seen) / seen;", "kept = 1.0;",
      "photons pass facets that hide them", "photons"),
 )  # fmt: skip

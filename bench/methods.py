@@ -309,6 +309,7 @@ KNOBS: dict[str, tuple[tuple[str, tuple[Setting, ...]], ...]] = {
         ("invariant-imbedding, rtol", make_settings(*((8, {"rtol": 10.0**-k}) for k in (2, 5, 8)))),
     ),
     "matrix-operator": (("matrix-operator", vary_nodes((2, 4, 8, 16, 32))),),
+    "monte-carlo": (("monte-carlo", make_settings(*((None, {"photons": 10**k}) for k in (3, 4, 5, 6)))),),
     "single-scattering": (("single-scattering", make_settings((None, {}))),),
     "small-angle": (("small-angle", make_settings((None, {}))),),
     "successive-orders": (

@@ -317,6 +317,110 @@ def test_photons_verify_a_brdf_and_a_field(monkeypatch: pytest.MonkeyPatch) -> N
     assert brdf.mueller.tobytes() == vrte.brdf(film, [0.4, 0.8], 0.5, nodes=12).mueller.tobytes()
 
 
+def test_progress_of_a_solve_and_of_the_photons_that_verify_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Half each, photons block by block."""
+    few(monkeypatch)
+    film, seen = vrte.Scene([vrte.Layer(RAYLEIGH, 0.9, 1.0)]), list[float]()
+    vrte.brdf(film, 0.5, 0.5, nodes=8, verify="photons", progress=lambda done, total: seen.append(done / total))
+    assert seen == sorted(seen)
+    assert 0.5 in seen
+    assert len({done for done in seen if done > 0.5}) >= 4
+
+
+VIEWED: dict[str, Callable[[], vrte.Scene]] = {
+    "Rayleigh": lambda: vrte.Scene([vrte.Layer(RAYLEIGH, 0.9, 1.0)]),
+    "gold-like over grey": lambda: vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.75), 0.95, 2.0)],
+                                              vrte.Lambertian(0.4)),
+    "two layers": SCENES["two layers"],
+    "circular": SCENES["circular"],
+    "semi-infinite": lambda: vrte.Scene([vrte.Layer(GOLD, 0.9, math.inf)]),
+    "thin": SCENES["thin"],
+    "flakes": SCENES["flakes"],
+    "mirrors": SCENES["mirrors"],
+    "flakes and particles": lambda: vrte.Scene(
+        [vrte.Layer(RAYLEIGH, 0.9, 0.5, flakes=vrte.flakes(0.3 + 3.0j, 12.0), flake_area=1.5)], vrte.Lambertian(0.3)),
+}  # fmt: skip
+ALONG: dict[str, Any] = {"mu_o": [0.2, 0.7, 1.0], "phi": [0.0, 70.0, 180.0, 300.0]}
+
+
+def check_views(found: Any, right: Any, error: Any) -> None:
+    """Light along directions in standard errors, none below a hundredth of that of I."""
+    sure = np.maximum(np.array(error), 0.01 * np.array(error)[..., :1, :1])
+    off = np.abs(found - right) / sure
+    assert off.max() < 4.5
+    assert np.sqrt(np.mean(off**2)) < 1.3
+
+
+@pytest.mark.parametrize("name", VIEWED)
+def test_photons_find_light_along_single_directions(name: str) -> None:
+    """Method monte-carlo, reflected and transmitted, against the exact one: 200 to 800 elements each."""
+    layers = VIEWED[name]()
+    asked = ALONG | {"mu_i": [0.5, 0.9], "transmission": layers.base is None and math.isfinite(layers.thickness)}
+    found = vrte.brdf(layers, **asked, method="monte-carlo", settings={"photons": 30_000, "seed": 2})
+    right = vrte.brdf(layers, **asked, accuracy=1e-5)
+    error = found.diagnostics["standard_error"]
+    check_views(found.mueller, right.mueller, error[0][0])
+    if asked["transmission"]:
+        check_views(found.transmission, right.transmission, error[1][0])
+    assert found.diagnostics["achieved"] < 0.05
+    assert "standard errors are up to" in found.diagnostics["notes"][0]
+    assert_close(found.reflectance, right.reflectance, rtol=0.05, atol=0.0)  # counted: noise of 0.4 to 1.2 %
+
+
+@pytest.mark.parametrize("illuminate", ["top", "bottom"])
+def test_photons_find_fields_along_single_directions(illuminate: str) -> None:
+    """Of polarized light, at depths, from either side."""
+    layers = vrte.Scene([vrte.Layer(SPHEROIDS, 0.9, 0.5), vrte.Layer(RAYLEIGH, 0.8, 0.5)])
+    asked: dict[str, Any] = {
+        "mu0": [0.5, 0.9],
+        "stokes": (1.0, 0.4, 0.3, 0.2),
+        "mu": [0.3, -0.6, 1.0],
+        "phi": [20.0, 250.0],
+    }
+    asked |= {"tau": [0.0, 0.3, 0.5, 1.0], "illuminate": illuminate}
+    found = vrte.radiance(layers, **asked, method="monte-carlo", settings={"photons": 30_000})
+    right = vrte.radiance(layers, **asked, accuracy=1e-6)
+    error = np.moveaxis(np.array(found.diagnostics["standard_error"][0])[..., 0], 0, 1)
+    sure = np.maximum(error, 0.01 * error[..., :1])
+    assert np.abs((found.stokes - right.stokes)[sure > 0.0] / sure[sure > 0.0]).max() < 4.5
+    for name in ("flux_up", "flux_down"):
+        assert_close(getattr(found, name), getattr(right, name), rtol=0.0, atol=0.01)
+
+
+def test_light_along_single_directions_by_any_threads_and_seed(monkeypatch: pytest.MonkeyPatch) -> None:
+    layers = vrte.Scene([vrte.Layer(GOLD, 0.9, 1.0)], vrte.Lambertian(0.5))
+
+    def found(threads: int, seed: int = 5, photons: int = 3000) -> vrte.Brdf:
+        how = {"settings": {"photons": photons, "seed": seed}, "method": "monte-carlo", "threads": threads}
+        return vrte.brdf(layers, [0.4, 0.9], **ALONG, **how)
+
+    first = found(1)
+    assert first.diagnostics["photons"] == 3072
+    monkeypatch.setattr(trace, "AT_ONCE", 7)
+    for threads in (2, 3):
+        assert found(threads).mueller.tobytes() == first.mueller.tobytes()
+    assert found(1, seed=6).mueller.tobytes() != first.mueller.tobytes()
+    fewer, more = (found(1, photons=each).diagnostics["achieved"] for each in (3000, 48_000))
+    assert 2.5 < fewer / more < 6.0  # one over the root of 16
+
+
+@pytest.mark.parametrize(
+    ("layers", "how", "words"),
+    [
+        ([GLASS, vrte.Layer(RAYLEIGH, 0.9, 1.0)], {}, "takes no refracting or mirroring surface"),
+        ([vrte.Layer(RAYLEIGH, 0.9, 1.0)], {"base": vrte.RPV(0.2, 0.8, -0.1)}, "takes no base but a Lambertian one"),
+        ([vrte.Layer(RAYLEIGH, 0.9, 1.0)], {"nodes": 8}, "takes no nodes: it goes by its settings photons, seed"),
+        ([vrte.Layer(RAYLEIGH, 0.9, 1.0)], {"settings": {"photons": 0}}, "photons"),
+        ([vrte.Layer(RAYLEIGH, 1.0, 500.0)], {"settings": {"photons": 10**9}, "time_limit_s": 60.0},
+         "most of it for method 'monte-carlo'; fewer photons take less"),
+    ],
+)  # fmt: skip
+def test_what_monte_carlo_does_not_take(layers: list[Any], how: dict[str, Any], words: str) -> None:
+    base = how.pop("base", None)
+    with pytest.raises(vrte.SceneError, match=words):
+        vrte.brdf(vrte.Scene(layers, base), 0.5, 0.5, method="monte-carlo", **how)
+
+
 def test_photons_tell_of_light_that_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
     """Single scattering of a thick layer; other photons confirm what the first ones find."""
     few(monkeypatch)

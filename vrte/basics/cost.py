@@ -24,6 +24,7 @@ RATE: Mapping[str, float] = {
     "adding-doubling": 2.2e10,
     "matrix-operator": 1.5e11,
     "invariant-imbedding": 2e10,
+    "monte-carlo": 1e9,
     "single-scattering": 2.5e10,
     "successive-orders": 2.5e10,
 }

@@ -9,7 +9,7 @@ from vrte.basics.arrays import Array, freeze_copy, is_readonly, make_readonly
 from vrte.basics.running import Progress, start_run
 from vrte.calls.derivatives import Derivative, Derivatives, collect_jacobians, find_light, read_derivatives
 from vrte.calls.energy import note_energy
-from vrte.calls.photon_check import note_photons
+from vrte.calls.photon_check import note_photons, share_with_photons
 from vrte.discrete_ordinates.execution.through_interfaces import find_rough_reflection
 from vrte.methods import choose_method
 from vrte.methods.discrete_ordinates import warn_of_negative
@@ -21,6 +21,7 @@ from vrte.scene.backscattering import find_back_directions, find_interference
 from vrte.scene.beams import find_direct_light, locate_depths
 from vrte.scene.illumination import mirror_mueller
 from vrte.scene.scene import Scene
+from vrte.scene.vary import Variation
 
 
 @complete_docstring
@@ -75,11 +76,25 @@ def brdf(
     asked = locals()
     variations = read_derivatives(scene, asked.pop("derivatives"))
     request = choose_method(make_brdf_request(**asked))
-    return make_brdf(request, *find_light(request, variations, progress)[1:])
+    return find_brdf(request, variations, progress)
 
 
-def make_brdf(request: Request, solution: Solution, derivatives: Sequence[Derivative] = ()) -> Brdf:
-    """The result of a solution and its derivatives."""
+def find_brdf(
+    request: Request,
+    variations: Sequence[Variation] = (),
+    progress: Progress | None = None,
+    runtime_warned: bool = False,
+) -> Brdf:
+    """The result of a request, solved, and verified by photons where it asks for that."""
+    solving, verifying = share_with_photons(request, progress)
+    _, solution, derivatives = find_light(request, variations, solving, runtime_warned)
+    return make_brdf(request, solution, derivatives, verifying)
+
+
+def make_brdf(
+    request: Request, solution: Solution, derivatives: Sequence[Derivative] = (), progress: Progress | None = None
+) -> Brdf:
+    """The result of a solution and its derivatives; ``progress`` of the photons that verify it."""
     scene, directions, is_turned = request.scene, request.mu, request.illuminate == "bottom"
     assert directions is not None
     mu_o = directions[directions > 0.0]
@@ -96,7 +111,7 @@ def make_brdf(request: Request, solution: Solution, derivatives: Sequence[Deriva
     if request.coherent:
         arrays["coherent"] = find_interference(scene, request.mu0, mu_o, request.phi, arrays["mueller"])
     found = {"illuminate": request.illuminate, "index_outside": scene.index_below if is_turned else scene.index_above}
-    diagnostics = note_interference(request, note_energy(request, solution) | note_photons(request) | found)
+    diagnostics = note_interference(request, note_energy(request, solution) | note_photons(request, progress) | found)
     if not derivatives:  # the arrays fit together
         arrays |= {"mu_i": request.mu0, "mu_o": mu_o, "phi": request.phi}
         frozen = {name: each if is_readonly(each) else freeze_copy(each) for name, each in arrays.items()}

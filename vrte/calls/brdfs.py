@@ -24,8 +24,8 @@ from vrte.basics.running import (
     run_jobs,
     share_progress,
 )
-from vrte.calls.brdf import make_brdf, note_interference
-from vrte.calls.derivatives import Derivatives, check_differentiable, find_light, read_derivatives
+from vrte.calls.brdf import find_brdf, make_brdf, note_interference
+from vrte.calls.derivatives import Derivatives, check_differentiable, read_derivatives
 from vrte.calls.energy import ROUNDING
 from vrte.calls.plan import warn_runtime_of_all
 from vrte.calls.radiance import make_field
@@ -425,8 +425,7 @@ def solve_brdfs(
     rest = [index for index in range(count) if index not in found]
     for done, index in enumerate(rest, len(found)):
         part = share_progress(progress, done, count)
-        light = find_light(requests[index], variations[index], part, warned)
-        found[index] = make_brdf(requests[index], *light[1:])
+        found[index] = find_brdf(requests[index], variations[index], part, warned)
         if part is not None:
             part(1, 1)
     return [found[index] for index in range(count)]

@@ -8,8 +8,9 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import AccuracyWarning, warn_user
-from vrte.basics.running import run_interruptible
+from vrte.basics.running import Progress, run_interruptible, share_progress
 from vrte.methods import choose_method, make_run, solve_request
+from vrte.methods.parts.refinement import share_steps
 from vrte.monte_carlo.trace import BATCHES, find_places, trace_beam
 from vrte.request.request import UNIT_COLUMNS, Request, Wanted, find_under
 from vrte.results.result import NO_LIGHT
@@ -23,13 +24,14 @@ LOOKS = 1, 4  # times so many photons: of hundreds of means one is off by chance
 STOKES = "IQUV"
 
 
-def note_photons(request: Request) -> dict[str, Any]:
+def note_photons(request: Request, progress: Progress | None = None) -> dict[str, Any]:
     """What ``diagnostics["photons"]`` tells, where photons were asked for: the largest difference in standard errors of
-    I, Q, U and V among bins, depths, beams and incident Stokes parameters; with a warning beyond MOST."""
+    I, Q, U and V among bins, depths, beams and incident Stokes parameters; with a warning beyond MOST. ``progress`` is
+    of photons alone, step by step where others have to confirm them."""
     if not request.by_photons:
         return {}
     start = time.perf_counter()
-    found = compare_with_photons(request)
+    found = compare_with_photons(request, progress)
     notes = [
         f"photons find another {name}: {found[name]:.1f} standard errors off, and at most {MOST:g} are expected"
         for name in STOKES
@@ -40,7 +42,14 @@ def note_photons(request: Request) -> dict[str, Any]:
     return {"photons": found | {"notes": notes, "wall_seconds": time.perf_counter() - start}}
 
 
-def compare_with_photons(request: Request) -> dict[str, Any]:
+def share_with_photons(request: Request, progress: Progress | None) -> tuple[Progress | None, Progress | None]:
+    """Progress of a solve and of the photons that verify it, half each; all of it is the solve's where none do."""
+    if not request.by_photons:
+        return progress, None
+    return share_progress(progress, 0, 2), share_progress(progress, 1, 2)
+
+
+def compare_with_photons(request: Request, progress: Progress | None = None) -> dict[str, Any]:
     """The same scene, depths and beams in bins: solved once more on Gauss points of each, and by photons."""
     scene, lit = request.scene, request.mu0
     edges = find_edges(scene.media), np.linspace(0.0, 180.0, BINS + 1)
@@ -67,10 +76,13 @@ def compare_with_photons(request: Request) -> dict[str, Any]:
     for seed, more in enumerate(LOOKS):
 
         def trace(seed: int = seed, each: int = each * more) -> list[Array]:
-            looks = enumerate(lit.tolist())
-            return [trace_beam(scene, one, places, edges, each, seed, k, run).bins[:, places.of] for k, one in looks]
+            part = share_steps(progress, seed)
+            return [
+                trace_beam(scene, mu, places, edges, each, seed, k, run, share_progress(part, k, lit.size)).bins
+                for k, mu in enumerate(lit.tolist())
+            ]
 
-        mean, error = np.stack(run_interruptible(run, trace), axis=1)
+        mean, error = np.stack(run_interruptible(run, trace), axis=1)[:, :, places.of]
         sure = np.maximum(error, LEAST * error[..., :1, :1])
         allowed = np.hypot(sure, (again.accuracy * largest)[..., None, None, None, None])
         off = np.abs(mean - solved) / allowed * there[..., None, None, None, None]

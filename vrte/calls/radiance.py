@@ -12,7 +12,7 @@ from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress
 from vrte.calls.derivatives import Derivative, Derivatives, collect_jacobians, find_light, read_derivatives
 from vrte.calls.energy import note_energy
-from vrte.calls.photon_check import note_photons
+from vrte.calls.photon_check import note_photons, share_with_photons
 from vrte.calls.plan import make_request, warn_runtime_of_all
 from vrte.methods import choose_method
 from vrte.methods.discrete_ordinates import warn_of_negative
@@ -92,7 +92,8 @@ def radiance(
     variations = read_derivatives(scene, asked.pop("derivatives"))
     request = choose_method(make_radiance_request(**asked))
     alone = type(mu0) is float or np.ndim(mu0) == 0  # a number, not even a list of length 1
-    return make_field(request, *find_light(request, variations, progress), alone=alone)
+    solving, verifying = share_with_photons(request, progress)
+    return make_field(request, *find_light(request, variations, solving), alone=alone, progress=verifying)
 
 
 def make_field(
@@ -101,8 +102,10 @@ def make_field(
     solution: Solution,
     derivatives: Sequence[Derivative] = (),
     alone: bool = False,
+    progress: Progress | None = None,
 ) -> Field:
-    """The field of a solution and its derivatives, of all beams, or of one ``alone``, without their axis."""
+    """The field of a solution and its derivatives, of all beams, or of one ``alone``, without their axis; ``progress``
+    of the photons that verify it."""
     warn_of_negative(request, solution.parts[0].swapaxes(0, 1)[..., 0, 0], solution.diagnostics)
     index = None
     if request.scene.keeps_beams:
@@ -122,13 +125,14 @@ def make_field(
 
     arrays: dict[str, Any] = gather(request, solution) | find(request)
     jacobians = collect_jacobians(FIELD_DERIVATIVES, arrays.keys(), request, derivatives, gather, find)
+    diagnostics = note_energy(request, solution) | note_photons(request, progress)
     return Field(
         tau=request.asked_tau,  # type: ignore[arg-type]
         mu=directions,
         phi=request.phi,
         mu0=float(request.mu0[0]) if alone else request.mu0,
         incident_stokes=request.incident,  # type: ignore[arg-type]
-        diagnostics=note_energy(request, solution) | note_photons(request) | {"illuminate": request.illuminate},
+        diagnostics=diagnostics | {"illuminate": request.illuminate},
         index=index,
         **arrays,
         **jacobians,

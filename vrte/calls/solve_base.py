@@ -10,8 +10,7 @@ from vrte.basics import cost
 from vrte.basics.arrays import Array, check_number, make_readonly
 from vrte.basics.errors import AccuracyWarning, SceneError, warn_user
 from vrte.basics.splines import make_cosines
-from vrte.calls.brdf import brdf, make_brdf
-from vrte.calls.derivatives import find_light
+from vrte.calls.brdf import brdf, find_brdf
 from vrte.calls.plan import make_request, predict_seconds
 from vrte.request.how import EXACT, complete_docstring
 from vrte.results.brdf import Brdf
@@ -79,7 +78,7 @@ def solve_base(scene: Scene, accuracy: float = 1e-6, **asked: Any) -> TabulatedB
         seconds = time.perf_counter() - begin + sum(predict_seconds(request))
         why = f" for a base of {cosines} cosines and {azimuths} azimuths"
         cost.warn_runtime(seconds, request.time_limit_s, why, "fewer nodes or a coarser accuracy take less")
-        found = make_brdf(request, *find_light(request, (), asked.get("progress"), runtime_warned=True)[1:])
+        found = find_brdf(request, progress=asked.get("progress"), runtime_warned=True)
         base, off, off_azimuths = split_checked(found, cosines, azimuths)
         if max(off, off_azimuths) <= wanted:
             return base

@@ -13,6 +13,7 @@ enum { VRTE_OPEN, VRTE_SMOOTH, VRTE_ROUGH, VRTE_LAMBERTIAN, VRTE_ROUGH_BASE, VRT
 enum { VRTE_GOES_ON, VRTE_ENDS, VRTE_PARKS, VRTE_PARKED = 24 };   /* doubles of a parked photon */
 #define VRTE_SURVIVAL 0.5       /* the least chance to be scattered rather than absorbed; weights make up for it */
 #define VRTE_STEEPEST 6.0       /* slopes over alpha of Beckmann's facets that are never met */
+#define VRTE_FARTHEST 60.0      /* optical thickness to a view beyond which nothing is counted */
 #define VRTE_TWO_PI 6.283185307179586477
 
 static inline vrte_bits photon_mix(vrte_bits z) {
@@ -158,6 +159,20 @@ static int photon_find(int n, const double* sums, double u, double* share) {
     return low;
 }
 
+/* Scatters light by elements F11, F22, F33, F44, F12, F34 in the plane of w and c l + sn r, at 1 - cosine = gap. */
+static void photon_deflect(vrte_photon* p, const double* f, double gap, double c, double sn, double scale) {
+    double cosine = 1.0 - gap, sine = sqrt(gap * (2.0 - gap)), across[3];
+    photon_turn(p->m, c, sn);
+    photon_act(p->m, f[0], f[4], f[1], f[2], f[5], f[3], scale);
+    photon_cross(p->l, p->w, across);
+    for (int k = 0; k < 3; k++) {
+        double axis = c * p->l[k] + sn * across[k], w = p->w[k];
+        p->w[k] = cosine * w + sine * axis;
+        p->l[k] = cosine * axis - sine * w;
+    }
+    photon_straighten(p);
+}
+
 /* A particle scatters: the angle by F11, linear in its cosine between the entries of a table, then the azimuth by the
    polarization of the light itself. */
 static void photon_scatter(const vrte_arrays* t, vrte_photon* p) {
@@ -175,22 +190,13 @@ static void photon_scatter(const vrte_arrays* t, vrte_photon* p) {
         f[k] = low[k] + s * (high[k] - low[k]);
     for (int k = 1; k < 6; k++)
         f[k] /= f[0];
-    double cosine = 1.0 - gap, sine = sqrt(gap * (2.0 - gap)), c, sn, more;
-    double q = p->m[1][0] / p->m[0][0], v = p->m[2][0] / p->m[0][0];
+    double c, sn, more, q = p->m[1][0] / p->m[0][0], v = p->m[2][0] / p->m[0][0];
     do {
         photon_any_angle(p, &c, &sn);
         more = 1.0 + f[4] * (q * (c - sn) * (c + sn) + v * 2.0 * c * sn);
     } while (f[4] != 0.0 && photon_chance(p) * (1.0 + fabs(f[4])) > more);
-    photon_turn(p->m, c, sn);
-    photon_act(p->m, 1.0, f[4], f[1], f[2], f[5], f[3], 1.0 / more);
-    double across[3];
-    photon_cross(p->l, p->w, across);
-    for (int k = 0; k < 3; k++) {
-        double axis = c * p->l[k] + sn * across[k], w = p->w[k];
-        p->w[k] = cosine * w + sine * axis;
-        p->l[k] = cosine * axis - sine * w;
-    }
-    photon_straighten(p);
+    f[0] = 1.0;
+    photon_deflect(p, f, gap, c, sn, 1.0 / more);
 }
 
 /* Fresnel's amplitudes of a flat surface, relative index n + i k, at a cosine c: what they do to reflected light, a, b,
@@ -369,6 +375,96 @@ static int photon_meet_rough(const vrte_arrays* t, vrte_photon* p, int k, double
     return conserving ? photon_give_back(t, p, k, from_below) : VRTE_ENDS;
 }
 
+/* What a flake with the normal h does to light, referred to their plane: a, b, re, im of photon_act. */
+static void photon_meet_mirror(const vrte_arrays* t, vrte_photon* p, const double* h, double* across, double* met) {
+    const double* act = t->mirrors + (size_t)4 * t->n_cosine * t->flake_of[p->layer];
+    double c = photon_meet_plane(p, h, across) * (t->n_cosine - 1);
+    int i = c < t->n_cosine - 2 ? (int)c : t->n_cosine - 2;
+    for (int k = 0; k < 4; k++)
+        met[k] = act[4 * i + k] + (c - i) * (act[4 * i + 4 + k] - act[4 * i + k]);
+}
+
+enum { VRTE_BY_PARTICLE, VRTE_BY_FLAKE, VRTE_BY_BASE };
+
+/* Optical thickness along a view from where a photon is to the depth of that view, infinite where it leads away. */
+static double photon_way_out(const vrte_arrays* t, const vrte_photon* p, int v) {
+    int k = p->layer, to = t->view_layer[v], up = t->views[6 * v + 2] > 0.0;
+    double depth = p->depth, way = 0.0;
+    if (up ? k < to : k > to)
+        return INFINITY;
+    for (; k != to; k += up ? -1 : 1) {
+        way += t->view_rate[(size_t)k * t->n_view + v] * (up ? depth : t->extent[k] - depth);
+        depth = up ? t->extent[k - 1] : 0.0;
+    }
+    depth = up ? depth - t->view_depth[v] : t->view_depth[v] - depth;
+    return depth < 0.0 ? INFINITY : way + t->view_rate[(size_t)k * t->n_view + v] * depth;
+}
+
+/* Scatters a photon by a particle into the direction w, times scale. */
+static void photon_scatter_to(const vrte_arrays* t, vrte_photon* p, const double* w, double scale) {
+    int table = t->table_of[p->layer], first = t->table_first[table], n = t->table_first[table + 1] - first;
+    double across[3], f[6], gap = 0.0, c, sn, sine;
+    photon_cross(p->l, p->w, across);
+    c = photon_dot(w, p->l), sn = photon_dot(w, across), sine = hypot(c, sn);
+    for (int k = 0; k < 3; k++)
+        gap += 0.5 * (w[k] - p->w[k]) * (w[k] - p->w[k]);
+    gap = fmin(gap, 2.0);
+    double angle = atan2(sine, 1.0 - gap) / (0.5 * VRTE_TWO_PI) * (n - 1);
+    int i = angle < n - 2 ? (int)angle : n - 2;
+    const double *low = t->elements + 6 * ((size_t)first + i), *gaps = t->gaps + first + i;
+    double s = (gap - gaps[0]) / (gaps[1] - gaps[0]);
+    for (int k = 0; k < 6; k++)
+        f[k] = low[k] + s * (low[6 + k] - low[k]);
+    photon_deflect(p, f, gap, sine > 0.0 ? c / sine : 1.0, sine > 0.0 ? sn / sine : 0.0, scale);
+}
+
+/* Reflects a photon by flakes into the direction w: by the density of the normals that do so, over 4. */
+static void photon_mirror_to(const vrte_arrays* t, vrte_photon* p, const double* w) {
+    const double* tilts = t->tilts + (size_t)3 * t->n_tilt * t->flake_of[p->layer];
+    double h[3], across[3], met[4], size;
+    for (int k = 0; k < 3; k++)
+        h[k] = w[k] - p->w[k];
+    size = fmax(sqrt(photon_dot(h, h)), 1e-300);
+    for (int k = 0; k < 3; k++)
+        h[k] /= size;
+    double at = atan2(hypot(h[0], h[1]), fabs(h[2])) / acos(tilts[t->n_tilt - 1]) * (t->n_tilt - 1);
+    if (!(at < t->n_tilt - 1)) {
+        photon_scale(p->m, 0.0);
+        return;
+    }
+    int i = (int)at;
+    const double* density = tilts + 2 * t->n_tilt + i;
+    photon_meet_mirror(t, p, h, across, met);
+    photon_act(p->m, met[0], met[1], met[0], met[2], met[3], met[2],
+               0.25 * (density[0] + (at - i) * (density[1] - density[0])));
+    photon_reflect(p, h, across);
+}
+
+/* Next-event estimates: what light that is scattered here sends along every view and out to its depth. */
+static void photon_estimate(const vrte_arrays* t, const vrte_photon* from, int batch, int by) {
+    for (int v = 0; v < t->n_view; v++) {
+        const double *w = t->views + 6 * v, *theta = w + 3;
+        double way = photon_way_out(t, from, v);
+        vrte_photon p = *from;
+        if (way > VRTE_FARTHEST || (by == VRTE_BY_BASE && w[2] < 0.0))
+            continue;
+        if (by == VRTE_BY_PARTICLE)
+            photon_scatter_to(t, &p, w, t->albedo[p.layer] / (2.0 * VRTE_TWO_PI));
+        else if (by == VRTE_BY_FLAKE)
+            photon_mirror_to(t, &p, w);
+        else {
+            photon_scale(p.m, t->surface_numbers[8 * t->n_layer] * w[2] / (0.5 * VRTE_TWO_PI));
+            memset(p.m[1], 0, 3 * sizeof p.m[1]);
+        }
+        if (by != VRTE_BY_BASE)
+            photon_refer_to(&p, p.m, theta);
+        double *out = t->viewed + ((size_t)batch * t->n_view + v) * 16, passed = exp(-way) / fabs(w[2]);
+        for (int i = 0; i < 4; i++)
+            for (int j = 0; j < 4; j++)
+                out[4 * i + j] += passed * p.m[i][j];
+    }
+}
+
 /* What happens at the surface above layer k, or below the last; a photon that is kept is counted there. */
 static int photon_meet_surface(const vrte_arrays* t, vrte_photon* p, int batch, int k) {
     const double* of = t->surface_numbers + 8 * k;
@@ -385,6 +481,7 @@ static int photon_meet_surface(const vrte_arrays* t, vrte_photon* p, int batch, 
         verdict = photon_meet_rough(t, p, k, of[0]);
         break;
     case VRTE_LAMBERTIAN:
+        photon_estimate(t, p, batch, VRTE_BY_BASE);
         if (photon_chance(p) < of[0])
             photon_send(p, sqrt(photon_chance(p)), 0.0);
         else
@@ -414,8 +511,7 @@ static int photon_meet_surface(const vrte_arrays* t, vrte_photon* p, int batch, 
 /* A flake, its normal by the density of tilts. It is met by the area that it turns to the light: if not, the photon
    goes on as it was. */
 static int photon_meet_flake(const vrte_arrays* t, vrte_photon* p, int batch) {
-    const double* cosines = t->tilts + (size_t)2 * t->n_tilt * t->flake_of[p->layer];
-    const double* act = t->mirrors + (size_t)4 * t->n_cosine * t->flake_of[p->layer];
+    const double* cosines = t->tilts + (size_t)3 * t->n_tilt * t->flake_of[p->layer];
     double u = photon_chance(p), s, c, h[3], across[3], met[4];
     int i = photon_find(t->n_tilt, cosines + t->n_tilt, u, &s);
     h[2] = cosines[i] + s * (cosines[i + 1] - cosines[i]);
@@ -428,10 +524,7 @@ static int photon_meet_flake(const vrte_arrays* t, vrte_photon* p, int batch) {
         return VRTE_GOES_ON;
     t->spent[4 * batch] += 1.0;
     p->is_beam = 0;
-    c = photon_meet_plane(p, h, across) * (t->n_cosine - 1);
-    i = c < t->n_cosine - 2 ? (int)c : t->n_cosine - 2;
-    for (int k = 0; k < 4; k++)
-        met[k] = act[4 * i + k] + (c - i) * (act[4 * i + 4 + k] - act[4 * i + k]);
+    photon_meet_mirror(t, p, h, across, met);
     double share = met[0] + met[1] * p->m[1][0] / p->m[0][0];
     if (share < 1.0 - 1e-14 && photon_chance(p) >= share) {
         photon_keep(t, p, batch, p->layer, 1.0);
@@ -446,8 +539,12 @@ static int photon_meet_flake(const vrte_arrays* t, vrte_photon* p, int batch) {
 static int photon_collide(const vrte_arrays* t, vrte_photon* p, int batch) {
     int k = p->layer;
     double albedo = t->albedo[k], survival = fmax(albedo, VRTE_SURVIVAL);
-    if (t->flake_share[k] > 0.0 && photon_chance(p) < t->flake_share[k])
+    if (t->flake_share[k] > 0.0 && photon_chance(p) < t->flake_share[k]) {
+        photon_estimate(t, p, batch, VRTE_BY_FLAKE);
         return photon_meet_flake(t, p, batch);
+    }
+    if (albedo > 0.0)
+        photon_estimate(t, p, batch, VRTE_BY_PARTICLE);
     t->spent[4 * batch] += 1.0;
     p->is_beam = 0;
     if (albedo == 0.0 || photon_chance(p) >= survival) {

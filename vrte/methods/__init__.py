@@ -75,9 +75,10 @@ def solve_request(request: Request, run: Run, progress: Progress | None = None) 
     method = find_method(request.method)
     settings = method.checked(request)
     if request.method != EXACT:
-        nodes = find_usual_nodes(request)
-        why = f", most of it for method {request.method!r} on {nodes} nodes"
-        change = f"fewer nodes take less, as does {EXACT!r}"
+        on, fewer = "", "photons"
+        if "nodes" in method.options:
+            on, fewer = f" on {find_usual_nodes(request)} nodes", "nodes"
+        why, change = f", most of it for method {request.method!r}{on}", f"fewer {fewer} take less, as does {EXACT!r}"
         cost.warn_runtime(predict_seconds(request, run), request.time_limit_s, why, change, run.runtime_warned)
     if is_refined(request):
         ((mu, found),) = refine_request(request, method, settings, run, progress)

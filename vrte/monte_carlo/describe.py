@@ -13,6 +13,7 @@ from vrte.optics.facets import RoughSurface
 from vrte.optics.flakes import Flakes
 from vrte.optics.fresnel import make_mueller
 from vrte.optics.phase_matrix import PhaseMatrix
+from vrte.scene.layer import Layer
 from vrte.scene.scene import Scene
 
 OPEN, SMOOTH, ROUGH, LAMBERTIAN, ROUGH_BASE, PARKING, DEEP = range(7)  # kinds of surfaces, as in core/photons.h
@@ -57,10 +58,6 @@ def describe_scene(scene: Scene, mu_i: float, deepest: float) -> Described:
             numbers[-1], lost[-1] = describe_facets(below.facets)
         else:
             kind[-1] = PARKING
-    shares = [
-        layer.flake_area / layer.extent if layer.flake_area < math.inf else 1.0 for layer in layers if layer.extent
-    ]
-    filled = iter(shares)
     arrays = {
         "mu_beam": mu_i,
         "extent": extent,
@@ -71,8 +68,8 @@ def describe_scene(scene: Scene, mu_i: float, deepest: float) -> Described:
         "flake_of": np.array(
             [[f is layer.flakes for f in [*kinds, layer.flakes]].index(True) for layer in layers], np.int32
         ),
-        "flake_share": np.array([next(filled) if layer.extent else 0.0 for layer in layers]),
-        "tilts": np.array([tabulate_tilts(one) for one in kinds]).reshape(-1, 2, TILTS),
+        "flake_share": np.array([find_flake_share(layer) for layer in layers]),
+        "tilts": np.array([tabulate_tilts(one) for one in kinds]).reshape(-1, 3, TILTS),
         "mirrors": np.array([tabulate_mirror(one) for one in kinds]).reshape(-1, COSINES, 4),
         "surface_kind": kind,
         "surface_numbers": numbers,
@@ -80,6 +77,22 @@ def describe_scene(scene: Scene, mu_i: float, deepest: float) -> Described:
         "forced": FORCED / len(layers) if scene.thickness < mu_i else 0.0,
     }
     return Described(arrays, bool(kind[-1] == PARKING))
+
+
+def find_flake_share(layer: Layer) -> float:
+    """The part of flakes in the extent of a layer."""
+    if layer.flake_area == math.inf:
+        return 1.0
+    return layer.flake_area / layer.extent if layer.extent else 0.0
+
+
+def find_rates(scene: Scene, mu: Array) -> Array:
+    """Extinction along signed cosines (n,) per unit of depth in each layer, (layer, n)."""
+    rates = np.empty((len(scene.layers), mu.size))
+    for rate, layer in zip(rates, scene.layers, strict=True):
+        hidden = 0.0 if layer.flakes is None else 1.0 - layer.flakes.project(mu)
+        rate[:] = (1.0 - find_flake_share(layer) * hidden) / np.abs(mu)
+    return rates
 
 
 def tabulate_angles(matrix: PhaseMatrix) -> dict[str, Array]:
@@ -98,11 +111,11 @@ def tabulate_angles(matrix: PhaseMatrix) -> dict[str, Array]:
 
 
 def tabulate_tilts(flakes: Flakes) -> Array:
-    """Cosines of tilts, and the chances of lesser tilts, (2, TILTS)."""
+    """Cosines of tilts, the chances of lesser tilts, and densities [1/sr], (3, TILTS)."""
     tilt = np.linspace(0.0, flakes.tilts[0][-1], TILTS)
     cosine, density = np.cos(tilt), np.interp(tilt, *flakes.tilts)
     sums = np.append(0.0, np.cumsum(0.5 * (density[1:] + density[:-1]) * -np.diff(cosine)))
-    return np.stack([cosine, sums / sums[-1]])
+    return np.stack([cosine, sums / sums[-1], density])
 
 
 def tabulate_mirror(flakes: Flakes) -> Array:

@@ -11,7 +11,7 @@ from vrte import _core
 from vrte.basics.arrays import Array, BoolArray
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, Run
-from vrte.monte_carlo.describe import describe_scene
+from vrte.monte_carlo.describe import describe_scene, find_rates
 from vrte.optics.facets import make_rotation
 from vrte.scene.beams import locate_depths
 from vrte.scene.boundary import Boundary
@@ -56,15 +56,39 @@ def find_places(scene: Scene, tau: Array, under: BoolArray) -> Places:
 
 
 @dataclass(frozen=True, eq=False)
+class Views:
+    """Single directions at depths: directions of travel and theta-hat (n_view, 6), the layer and the depth in it
+    (n_view,)."""
+
+    along: Array
+    layer: NDArray[np.int32]
+    depth: Array
+
+
+NO_VIEWS = Views(np.empty((0, 6)), np.empty(0, np.int32), np.empty(0))
+
+
+def make_views(scene: Scene, places: Places, mu: Array, phi: Array) -> Views:
+    """Views of signed cosines (n_mu,) and azimuths [degrees] (n_phi,) at all depths, (n_tau n_mu n_phi) one by one."""
+    last = len(scene.layers) - 1
+    layer = np.concatenate([[0, last], places.layer[2:]]).astype(np.int32)[places.of]
+    depth = np.concatenate([[0.0, scene.layers[last].extent], places.depth[2:]])[places.of]
+    k, x, y = (each.ravel() for each in np.meshgrid(np.arange(layer.size), mu, np.radians(phi), indexing="ij"))
+    sine, c, s = np.sqrt((1.0 - x) * (1.0 + x)), np.cos(y), np.sin(y)
+    return Views(np.stack([sine * c, sine * s, x, x * c, x * s, -sine], axis=-1), layer[k], depth[k])
+
+
+@dataclass(frozen=True, eq=False)
 class Counted:
     """Means over batches and their standard errors, (2, ...) each, a photon: bins (2, place, 2, n_mu, n_phi, 4, 4) up
     and down; beams (2, place, 2, 4, 4); kept (2, keeper) of unpolarized light; spent (2, 4): collisions, photons given
-    up, what leaves at the top and at the bottom."""
+    up, what leaves at the top and at the bottom; viewed (2, n_view, 4, 4) [1/sr], a BRDF along each view."""
 
     bins: Array
     beams: Array
     kept: Array
     spent: Array
+    viewed: Array
 
 
 def trace_beam(
@@ -77,17 +101,20 @@ def trace_beam(
     beam: int,
     run: Run,
     progress: Progress | None = None,
+    views: Views = NO_VIEWS,
 ) -> Counted:
-    """Photons of a beam along mu_i, ``each`` of a batch; ``beam`` is its number among those of one seed."""
+    """Photons of a beam along mu_i, ``each`` of a batch; ``beam`` is its number among those of one seed. Views are of a
+    scene without surfaces, over a black or a Lambertian base."""
     inside = places.depth[places.layer == len(scene.layers) - 1]
     described = describe_scene(scene, mu_i, float(inside.max(initial=0.0)))
     count = (edges[0].size - 1) * (edges[1].size - 1)
     shapes = {"bins": (places.layer.size, 2, count, 16), "beams": (places.layer.size, 2, 16)}
-    shapes |= {"kept": (2 * len(scene.layers) + 1, 4), "spent": (4,)}
+    shapes |= {"kept": (2 * len(scene.layers) + 1, 4), "spent": (4,), "viewed": (views.layer.size, 16)}
     together = max(AT_ONCE, 2 * run.threads)
-    if 8.0 * together * np.prod(shapes["bins"], dtype=float) > MOST_BYTES:
-        words = f"must be fewer: those of {places.layer.size} places take more than {MOST_BYTES / 1e9:g} GB at a time"
-        raise SceneError.of("mu_edges and phi_edges", words)
+    for name, what in (("bins", "mu_edges and phi_edges"), ("viewed", "mu and phi")):
+        if 8.0 * together * np.prod(shapes[name], dtype=float) > MOST_BYTES:
+            words = f"those of {places.layer.size} places take more than {MOST_BYTES / 1e9:g} GB at a time"
+            raise SceneError.of(what, f"must be fewer: {words}")
     arrays = described.arrays | {
         "level_layer": places.layer,
         "level_depth": places.depth,
@@ -96,6 +123,10 @@ def trace_beam(
         "key": np.array([seed & 0xFFFFFFFF, seed >> 32], np.uint32).view(np.int32),
         "photons_each": each,
         "most_events": MOST_EVENTS,
+        "views": views.along,
+        "view_layer": views.layer,
+        "view_depth": views.depth,
+        "view_rate": find_rates(scene, views.along[:, 2]),
     }
     sums: dict[str, Array] = {name: np.zeros((2, *shape)) for name, shape in shapes.items()}
     for first in range(0, BATCHES, together):
@@ -114,7 +145,8 @@ def trace_beam(
         both[1] = np.sqrt(np.maximum(both[1] / BATCHES - both[0] ** 2, 0.0) / (BATCHES - 1))
     sums["beams"][0, 0, 1] = np.eye(4).ravel()  # what comes in
     bins = sums["bins"].reshape(2, places.layer.size, 2, edges[0].size - 1, edges[1].size - 1, 4, 4)
-    return Counted(bins, sums["beams"].reshape(2, -1, 2, 4, 4), sums["kept"][..., 0], sums["spent"])
+    beams, viewed = sums["beams"].reshape(2, -1, 2, 4, 4), sums["viewed"].reshape(2, -1, 4, 4)
+    return Counted(bins, beams, sums["kept"][..., 0], sums["spent"], viewed)
 
 
 def follow(arrays: dict[str, Any], parks: bool, below: Boundary, index: float, each: int, run: Run) -> None:

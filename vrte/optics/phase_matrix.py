@@ -217,7 +217,7 @@ class PhaseMatrix:
         return view(self, "plot")
 
     def compute_elements(self, cosine: Array, gap: Array | None = None) -> Array:
-        """F11, F22, F33, F44, F12, F34 (6, n) at ascending cosines (n,); ``gap`` is 1 - cosine, with more digits."""
+        """F11, F22, F33, F44, F12, F34 (6, n) at ascending cosines (n,); ``gap`` is 1 - |cosine|, with more digits."""
         plain, crossed = np.stack([self.a1, self.a4]), -np.stack([self.b1, self.b2])  # P^l_02 = -d^l_02
         total, difference = self.a2 + self.a3, self.a2 - self.a3
         sums = np.zeros((6, cosine.size))

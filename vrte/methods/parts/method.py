@@ -76,6 +76,11 @@ class Task:
         """The scene on the request's nodes."""
         return discretise_request(self.request)
 
+    @property
+    def seconds(self) -> float:
+        """Time since it began."""
+        return time.perf_counter() - self.begin
+
     def target_of(self, problem: Problem, spread: bool | BoolArray = False) -> Target:
         """What light is added up into."""
         wanted, spreads = self.request.wanted or want_everything(self.request, self.mu), np.asarray(spread)
@@ -121,7 +126,7 @@ class Task:
             "threads": self.run.threads,
             **diagnostics,
             "stages": self.run.stages,
-            "wall_seconds": time.perf_counter() - self.begin,
+            "wall_seconds": self.seconds,
         }
         return self.mu, Solution(parts, *fluxes, diagnostics)
 
@@ -223,13 +228,14 @@ class Method:
 
     def instead(self) -> str:
         """What it goes by in place of the options that it does not take."""
-        options = " and ".join(name for name in ("nodes", "accuracy", "truncation") if name in self.options)
-        own = f", and its settings {', '.join(self.settings)}" if self.settings else ""
-        return f"it goes by {options}{own}; leave that out, or ask for {EXACT!r} or 'auto'"
+        ways = [" and ".join(name for name in ("nodes", "accuracy", "truncation") if name in self.options)]
+        ways.append(f"its settings {', '.join(self.settings)}" if self.settings else "")
+        return f"it goes by {', and '.join(filter(None, ways))}; leave that out, or ask for {EXACT!r} or 'auto'"
 
     def obstacles(self, request: Request) -> list[str]:
         """What the request has and the method does not take, in words."""
         scene, tau = request.scene, request.tau
+        has_surfaces = scene.has_interfaces or scene.below.keeps_beams
         polarizes = any(not layer.phase_matrix.is_scalar for layer in scene.layers)
         found = [
             (not self.polarization and polarizes, "phase matrix that polarizes"),
@@ -239,7 +245,7 @@ class Method:
             ),
             (not self.depths and bool(((tau > 0.0) & (tau < scene.thickness)).any()), "depth inside a layer"),
             (not self.flakes and scene.has_flakes, "oriented flakes"),
-            (self.interfaces == "none" and scene.keeps_beams, "refracting or mirroring surface"),
+            (self.interfaces == "none" and has_surfaces, "refracting or mirroring surface"),
             (self.interfaces == "smooth" and scene.is_rough, "rough interface"),
             (not self.semi_infinite and not np.isfinite(scene.thickness), "semi-infinite layer"),
         ]
