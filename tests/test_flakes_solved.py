@@ -171,6 +171,13 @@ def test_a_literal_adding_doubling_has_the_same_light() -> None:
     assert errors[1] < 0.4 * errors[0]
 
 
+def test_a_tinted_coat_without_a_surface_attenuates_as_beer_has_it() -> None:
+    coat, basecoat = vrte.Layer(vrte.isotropic(), 0.0, 0.3), vrte.Layer.of(METAL, flake_area=5.0)
+    bare, coated = (vrte.brdf(vrte.Scene(layers), MU, MU, PHI, nodes=12) for layers in ([basecoat], [coat, basecoat]))
+    slant = np.exp(-0.3 * (1.0 / MU[:, None] + 1.0 / MU))[:, :, None, None, None]
+    assert_close(coated.mueller, bare.mueller * slant, rtol=1e-11, atol=1e-12)
+
+
 def test_light_from_below_is_that_of_the_scene_upside_down() -> None:
     scene = STACKS["beside particles"]
     asked: dict[str, Any] = {"nodes": 8, "transmission": True, "truncation": "none"}
