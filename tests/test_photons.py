@@ -395,7 +395,7 @@ def test_light_along_single_directions_by_any_threads_and_seed(monkeypatch: pyte
         return vrte.brdf(layers, [0.4, 0.9], **ALONG, **how)
 
     first = found(1)
-    assert first.diagnostics["photons"] == 3072
+    assert first.diagnostics["photons_per_beam"] == 3072
     monkeypatch.setattr(trace, "AT_ONCE", 7)
     for threads in (2, 3):
         assert found(threads).mueller.tobytes() == first.mueller.tobytes()
@@ -411,6 +411,7 @@ def test_light_along_single_directions_by_any_threads_and_seed(monkeypatch: pyte
         ([vrte.Layer(RAYLEIGH, 0.9, 1.0)], {"base": vrte.RPV(0.2, 0.8, -0.1)}, "takes no base but a Lambertian one"),
         ([vrte.Layer(RAYLEIGH, 0.9, 1.0)], {"nodes": 8}, "takes no nodes: it goes by its settings photons, seed"),
         ([vrte.Layer(RAYLEIGH, 0.9, 1.0)], {"settings": {"photons": 0}}, "photons"),
+        ([vrte.Layer(RAYLEIGH, 0.9, 1.0)], {"verify": "photons"}, "takes no verify: it would compare photons"),
         ([vrte.Layer(RAYLEIGH, 1.0, 500.0)], {"settings": {"photons": 10**9}, "time_limit_s": 60.0},
          "most of it for method 'monte-carlo'; fewer photons take less"),
     ],
@@ -451,5 +452,13 @@ def test_the_command_verifies_by_photons(
     )
     assert cli.main(["brdf", str(file), "--photons", "-o", str(tmp_path / "haze.csv")]) == 0
     assert "photons a beam: off by I " in capsys.readouterr().out
+    by_photons = ["--method", "monte-carlo", "--set", "photons=3000"]
+    text = file.read_text()
+    file.write_text(text.replace("nodes = 8\n", ""))
+    assert cli.main(["brdf", str(file), *by_photons, "-o", str(tmp_path / "views.csv")]) == 0
+    assert "monte-carlo, 3072 photons a beam" in capsys.readouterr().out
+    made = vrte.load(tmp_path / "views.csv").diagnostics
+    assert np.shape(made["standard_error"]) == (1, 1, 1, 1, 1, 4, 4)
+    file.write_text(text)
     assert cli.main(["brdf", str(file), "--photons", "--verify", "-o", str(tmp_path / "other.csv")]) == 2
     assert "--verify and --photons are two checks" in capsys.readouterr().err

@@ -62,7 +62,7 @@ def describe_result(result: Brdf | Field) -> None:
     made = result.diagnostics
     where = f"OpenCL device {made['device']}" if "device" in made else f"{made['threads']} threads"
     orders = f", {made['orders']} Fourier orders" if "orders" in made else ""
-    print(f"  {result!r}\n  {made['method']}, {made['nodes']} nodes{orders}, {where}")
+    print(f"  {result!r}\n  {made['method']}, {describe_effort([made])}{orders}, {where}")
     describe_derivatives(result, made)
     lines = [made["method_rule"]] if "method_rule" in made else []
     if made["method"] == EXACT:
@@ -104,9 +104,15 @@ def describe_wavelengths(files: Sequence[SceneFile], result: Spectrum, refracts:
         indices = ", ".join(f"{index:.6g}" for index in (scene.index_above, *scene.indices, scene.index_below))
         print(f"  {wavelength:8.6g}  {shares}  {f'{indices}; ' if refracts else ''}{layers}")
     describe_derivatives(result, result[0].diagnostics)
-    nodes = sorted({one.diagnostics["nodes"] for one in result})
-    some = " to ".join(map(str, dict.fromkeys((nodes[0], nodes[-1]))))
-    print(f"  {result[0].diagnostics['method']}, {some} nodes")
+    made = [one.diagnostics for one in result]
+    print(f"  {made[0]['method']}, {describe_effort(made)}")
+
+
+def describe_effort(made: Sequence[dict[str, Any]]) -> str:
+    """The nodes of results by a method, fewest to most, or the photons of one that has no nodes."""
+    name, words = ("nodes", "nodes") if "nodes" in made[0] else ("photons_per_beam", "photons a beam")
+    counts = sorted({one[name] for one in made})
+    return f"{' to '.join(map(str, dict.fromkeys((counts[0], counts[-1]))))} {words}"
 
 
 def describe_derivatives(result: Any, made: dict[str, Any]) -> None:

@@ -318,7 +318,7 @@ def solve_for_file(
     given = dict(asked)
     if files[0].keywords(asked).get("method", EXACT) == EXACT:
         given |= finest  # left to itself, a solve for cosines of 1e-4 would choose a great many for their sake
-    cosines = int(np.clip(finest["nodes"], COSINES, MOST_COSINES))
+    cosines = int(np.clip(finest.get("nodes", 0), COSINES, MOST_COSINES))
     given |= directions(cosines, int(np.clip(2 * orders + 1, AZIMUTHS, MOST_AZIMUTHS)))
     return solve_spectrum(files, wavelengths, progress, **given)
 

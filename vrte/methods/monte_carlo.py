@@ -11,6 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from vrte.basics.arrays import Array
+from vrte.basics.errors import SceneError
 from vrte.basics.running import share_progress
 from vrte.discrete_ordinates.planning.plan import want_everything
 from vrte.methods.parts.method import Answer, Task
@@ -39,6 +40,8 @@ def trace_views(task: Task, each: int) -> list[Counted]:
 def solve_by_monte_carlo(task: Task) -> Answer:
     """Light along the directions asked for, and its standard error, that of the means of 128 batches."""
     request, each = task.request, find_batch_size(task)
+    if request.by_photons:
+        raise SceneError(f"method {request.method!r} takes no verify: it would compare photons with photons", "method")
     found = trace_views(task, each)
     wanted = request.wanted or want_everything(request, task.mu)
     of = find_places(request.scene, request.tau, find_under(request)).of
@@ -52,7 +55,7 @@ def solve_by_monte_carlo(task: Task) -> Answer:
     achieved = max(find_noise(light, error) for light, error in zip(lights, errors, strict=True))
     diagnostics = {
         "method": request.method,
-        "photons": each * BATCHES,
+        "photons_per_beam": each * BATCHES,
         "seed": task.settings["seed"],
         "collisions": [float(one.spent[0, 0]) for one in found],
         "given_up": [float(one.spent[0, 1]) for one in found],
