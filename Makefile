@@ -91,6 +91,7 @@ demo: $(VENV)/demo.stamp
 
 # The paper's figure 10 and more, as objects; docs/images has copies.
 POWDERS = gold gold_coarse copper hematite rutile alumina mixture_on_black mixture_on_white
+METALLIC = silver_metallic gold_pearl colour_shifter
 GALLERY = vrte/app/gallery
 gallery: $(VENV)/gallery.stamp
 	@mkdir -p out/gallery
@@ -98,6 +99,8 @@ gallery: $(VENV)/gallery.stamp
 	$(BIN)/vrte render $(POWDERS:%=$(GALLERY)/%.toml) --object vase --sheet --size 220 -o out/gallery/gallery_powders.png
 	$(BIN)/vrte render $(GALLERY)/paint_bare.toml $(GALLERY)/paint_smooth.toml examples/satin_paint.toml \
 		$(GALLERY)/powder_dry.toml $(GALLERY)/powder_wet.toml --object knot --sheet --size 220 -o out/gallery/gallery_surfaces.png
+	$(BIN)/vrte render $(METALLIC:%=vrte/paints/%.toml) --object vase --sheet --size 220 -o out/gallery/gallery_flakes.png
+	$(BIN)/python -m docs.scripts.flake_lobes -o out/gallery
 	$(BIN)/vrte render examples/black_lacquer.toml examples/white_gloss.toml --size 240 -o out/gallery/gallery_brewster.png
 
 # warnings are errors, and so are links that lead nowhere; the snippets of the pages are run by the tests

@@ -729,6 +729,11 @@ def test_everything_can_be_read_and_has_a_name(open_tab: Callable[..., Tab], sch
     tab.button("Gallery").click()
     tab.says("Paints to begin with")
     is_clean()
+    assert tab.evaluate("document.querySelectorAll('.vrte-start img[src^=\"data:image/png\"]').length") == 22
+    tab.button("Silver metallic basecoat").click()
+    tab.label("tilt σ [°]").first.wait_for()
+    assert tab.value("tilt σ [°]") == "10"
+    tab.button("Gallery").click()
     tab.button("Rutile in alkyd").click()
     tab.says("White gloss paint")
     assert tab.value("median diameter [µm]") == "0.2"

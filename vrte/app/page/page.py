@@ -25,7 +25,7 @@ from vrte.app.solving.measuring import TEXTS, is_measurement
 from vrte.app.solving.tab_session import TabSession
 from vrte.app.solving.worker import Adopted, Outcome, Refused, Task, Written
 from vrte.basics.errors import Place, SceneError
-from vrte.formats.materials import list_materials, list_paints
+from vrte.formats.materials import ReadyMaterial, list_materials, list_paints
 from vrte.formats.scene_file import find_named_tables
 from vrte.formats.toml_table import is_number
 
@@ -86,7 +86,7 @@ class Page:
             self.upload.on_rejected(lambda: self.complain(TOO_LARGE))  # by the browser itself
             self.upload.props(f'accept="{",".join(SUFFIXES)}"').classes("hidden")
             gallery = self._header_button("Gallery", "collections", "scenes and materials to begin with")
-            gallery.on_click(lambda: show_gallery(self.begin, self.fill))
+            gallery.on_click(lambda: show_gallery(self.begin, lambda one: self.fill(*begin_with_material(one))))
             to_open = "a scene (.toml), a result (.nc, .csv) or a measurement; or drop it here"
             opener = self._header_button("Open", "folder_open", to_open)
             opener.on("click", js_handler=f"() => vrte.pick({self.upload.id})")
@@ -307,29 +307,31 @@ class Page:
             self.session.start(self.session.make_task("solve.write_tensor", wavelengths_um=wavelengths))
 
 
-def show_gallery(solve: Callable[[Content], Any], fill: Callable[[Content, tuple[str, ...]], Any]) -> None:
+def show_gallery(solve: Callable[[Content], Any], fill: Callable[[ReadyMaterial], Any]) -> None:
     """Offers scenes, to ``solve`` at once, and ready paints and materials, to ``fill`` the form with."""
 
-    def solve_scene(path: Path) -> None:
-        dialog.close()
-        solve(adopt_with_notes(parse_content(path.read_bytes()))[0])
+    def add_picture(name: str, title: str, act: Callable[[], Any]) -> ui.button:
+        with ui.button(on_click=dialog.close) as button:
+            button.on_click(act).props(f'flat no-caps aria-label="{title}"').classes("vrte-start")
+            drawn = base64.b64encode((GALLERY / f"{name}.png").read_bytes()).decode()
+            ui.element("img").props('alt="" width=84 height=84').props["src"] = f"data:image/png;base64,{drawn}"
+            ui.label(title)
+        return button
 
     with ui.dialog().props('aria-label="gallery"') as dialog, ui.card().classes("items-center vrte-gallery"):
         controls.add_heading("Scenes to begin with", 2)
         with ui.row().classes("justify-center gap-1"):
             for path in sorted(GALLERY.glob("*.toml")):
-                title = parse_content(path.read_bytes())["render"]["title"]
-                with ui.button(on_click=partial(solve_scene, path)) as button:
-                    button.props(f'flat no-caps aria-label="{title}"').classes("vrte-start")
-                    picture = ui.element("img").props('alt="" width=84 height=84')
-                    drawn = base64.b64encode(path.with_suffix(".png").read_bytes()).decode()
-                    picture.props["src"] = f"data:image/png;base64,{drawn}"
-                    ui.label(title)
-        for title, known in (("Paints", list_paints()), ("Materials", list_materials())):
-            controls.add_heading(f"{title} to begin with", 2)
-            with ui.row().classes("justify-center gap-1"):
-                for one in known.values():
-                    button = ui.button(one.title, on_click=lambda one=one: fill(*begin_with_material(one)))
-                    button.on_click(dialog.close).props("flat no-caps dense").classes("px-2").tooltip(one.description)
+                content, _ = adopt_with_notes(parse_content(path.read_bytes()))
+                add_picture(path.stem, content["render"]["title"], partial(solve, content))
+        controls.add_heading("Paints to begin with", 2)
+        with ui.row().classes("justify-center gap-1"):
+            for one in list_paints().values():
+                add_picture(one.name.replace(" ", "_"), one.title, partial(fill, one)).tooltip(one.description)
+        controls.add_heading("Materials to begin with", 2)
+        with ui.row().classes("justify-center gap-1"):
+            for one in list_materials().values():
+                button = ui.button(one.title, on_click=partial(fill, one))
+                button.on_click(dialog.close).props("flat no-caps dense").classes("px-2").tooltip(one.description)
     dialog.on("hide", dialog.delete)
     dialog.open()
