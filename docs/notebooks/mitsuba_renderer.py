@@ -172,4 +172,4 @@ folder.cleanup()
 # Mitsuba's picture is ours to a part in a thousand, its polarization to a few parts in
 # ten thousand. The rings and rays in the differences are the steps of the table: 5
 # degrees here, and the error falls with the square of the step ([Results as
-# files](../how_to/exports.md#mitsuba-3)).
+# files](../how_to/exports.md#mueller-matrices-for-mitsuba-pbsdf)).
