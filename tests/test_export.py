@@ -289,7 +289,8 @@ def test_a_fit_finds_the_numbers_of_its_own_model(model: Any, monkeypatch: pytes
     assert found.most < 0.05
 
 
-@pytest.mark.parametrize("suffix", [".json", pytest.param(".mtlx", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("suffix", [".json", ".mtlx"])
 def test_fits_say_how_far_they_are_off(suffix: str, tmp_path: Path) -> None:
     done = vrte.export(PAINT, tmp_path / f"a{suffix}", VISIBLE, accuracy=1e-4)
     text = (tmp_path / f"a{suffix}").read_text()
