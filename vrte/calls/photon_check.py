@@ -8,6 +8,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import AccuracyWarning, warn_user
+from vrte.basics.quadrature import find_gauss_legendre
 from vrte.basics.running import Progress, run_interruptible, share_progress
 from vrte.methods import choose_method, make_run, solve_request
 from vrte.methods.parts.refinement import share_steps
@@ -107,6 +108,6 @@ def find_edges(media: tuple[float, ...]) -> Array:
 
 def spread_points(edges: Array) -> tuple[Array, Array]:
     """Gauss points and weights of all bins, one after another, (bin * POINTS,) both."""
-    x, weights = np.polynomial.legendre.leggauss(POINTS)
+    x, weights = find_gauss_legendre(POINTS)
     size = np.diff(edges)[:, None]
     return (edges[:-1, None] + 0.5 * size * (x + 1.0)).ravel(), (0.5 * size * weights).ravel()

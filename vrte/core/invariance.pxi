@@ -144,7 +144,7 @@ cdef struct Linear:
 
 
 cdef void begin_at_zero(FactorColumns* rows) noexcept nogil:
-    """H of R = 0."""
+    """Sets H of both kinds of rows to what it is where R is 0: phi."""
     cdef int kind
     for kind in range(2):
         copy(<size_t>rows[kind].rows * rows[kind].columns, rows[kind].phi, rows[kind].H)

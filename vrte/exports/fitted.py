@@ -113,7 +113,7 @@ def shade_openpbr(numbers: Array, at: Geometry) -> Array:
 
 
 def find_alpha(roughness: float) -> float:
-    """alpha of GGX's facets."""
+    """The width alpha of GGX's distribution of facets, the square of a model's roughness, kept from 0."""
     return max(float(roughness) ** 2, LEAST_ALPHA)
 
 
@@ -174,7 +174,7 @@ class FittedFile:
 
     @property
     def note(self) -> str:
-        """How well it fits."""
+        """How far the fitted model is from the BRDF, in words."""
         return (
             f"fitted by {self.model.title}: off by {self.median:.1f} CIEDE2000 in the median, {self.most:.1f} for 95%"
         )

@@ -78,7 +78,7 @@ def find_noise(light: Array, error: Array) -> float:
 
 
 def find_batch_size(task: Task) -> int:
-    """Photons of a batch."""
+    """How many photons each of the BATCHES has, so that a beam has as many as its settings ask for, or more."""
     return -(-int(task.settings["photons"]) // BATCHES)
 
 

@@ -49,7 +49,7 @@ class Response:
     residuals: dict[str, Array] = field(default_factory=dict)
 
     def send(self, of: IntArray, above: Array, below: Array) -> Array:
-        """See `Responding`."""
+        """What light upon the pieces' ends sends along the sights, as `Responding.send` has it."""
         rows = take_slabs(of, self.leaving).swapaxes(0, 1).swapaxes(-1, -2)
         return np.stack([above @ rows[:, :, end] + below @ rows[:, :, 1 - end] for end in range(2)])
 
@@ -65,7 +65,7 @@ class ModalResponse:
         self.residuals = {"residual_of_modes": residual_of_modes, "residual_of_boundary": found["residual"]}
 
     def send(self, of: IntArray, above: Array, below: Array) -> Array:
-        """See `Responding`: the light of all pieces of a slab together, unless that is more than along every node."""
+        """The same as `Responding.send`: all pieces of a slab together, unless that is more than along every node."""
         most, (r, n) = int(np.bincount(of).max()), above.shape[2:]
         if most * r >= n:
             return self.expand().send(of, above, below)

@@ -78,7 +78,7 @@ class Task:
 
     @property
     def seconds(self) -> float:
-        """Time since it began."""
+        """Wall-clock seconds since the task began."""
         return time.perf_counter() - self.begin
 
     def target_of(self, problem: Problem, spread: bool | BoolArray = False) -> Target:
