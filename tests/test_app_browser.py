@@ -624,9 +624,9 @@ albedo = 0.3
 def test_a_measurement_is_dropped_fitted_and_its_values_taken(tab: Tab, tmp_path: Path) -> None:
     rows = vrte.Measurement("f00", 0.0, 0.001, theta_i_deg=30.0, theta_o_deg=np.arange(-60.0, 61.0, 20.0))
     rows.measure(rows.predict(tomllib.loads(HAZE.replace("0.4", "0.7")))).save(tmp_path / "panel.csv")
+    start = tab.wait_for_figure()  # of the scene that a page begins with: one dropped before is not solved
     tab.evaluate(DROP, [HAZE, "haze.toml"])
     tab.holds("optical thickness", "0.4")
-    start = tab.wait_for_figure()
     tab.evaluate(DROP, ["quantity,value\nf00,bright\n", "bad.csv"])
     tab.says("line 2: value must be a number, not 'bright'")
     tab.evaluate(DROP, ["nm;White\n500;60\n600;65\n", "white.txt"])
