@@ -56,12 +56,8 @@ def spread_weights(wavelengths_um: Array, fine_um: Array, combined: Array) -> Ar
 
 
 def weigh_wavelengths(wavelengths_um: Any, illuminant: str = "D65", observer: int = 10) -> Array:
-    """Weights (3, n), read-only, whose product with a reflectance (n,) is X, Y, Z, where Y of the perfect white is 1.
-
-    Wavelengths [um] (n,) rise, at most 40 nm apart from 0.40 to 0.70 um. At most 5 % of X and of Y, and 20 % of Z, of
-    the perfect white may lie below the first or above the last: 0.43 to 0.66 um are enough in daylight. Raises
-    SceneError where they do not cover the visible, and for an unknown illuminant or observer.
-    """
+    """Weights (3, n), read-only, of reflectances (n,) in X, Y, Z, Y of white being 1, at ascending wavelengths [um], 40
+    nm apart at most. Raises SceneError where they do not cover the visible, and for unknown names."""
     illuminant, observer = check_light(illuminant, observer)
     return _weigh(check_vector("wavelengths_um", wavelengths_um).tobytes(), illuminant, observer)
 
@@ -215,13 +211,8 @@ class Colour:
 
 
 def find_colour(wavelengths_um: Any, reflectance: Any, illuminant: str = "D65", observer: int = 10) -> Colour:
-    """The colour of a surface by its reflectance factor (n,), 1 for the perfect white diffuser, at wavelengths [um]
-    (n,) as `weigh_wavelengths` takes them. Raises SceneError, MissingExtraError without the extra "appearance".
-
-    >>> wavelengths_um = np.linspace(0.40, 0.70, 16)
-    >>> print(find_colour(wavelengths_um, 0.05 + 0.6 / (1.0 + np.exp((0.6 - wavelengths_um) / 0.01))))
-    L* 45.10, a* 50.21, b* 31.66 in D65, 10 degrees; #bd3f39
-    """
+    """The colour of a reflectance factor (n,), 1 for the perfect white diffuser, at wavelengths [um] (n,) as
+    `weigh_wavelengths` takes them. Raises SceneError, MissingExtraError without the extra "appearance"."""
     wavelengths, factors = check_vector("wavelengths_um", wavelengths_um), check_vector("reflectance", reflectance)
     if factors.shape != wavelengths.shape:
         words = f"reflectance must have one number a wavelength, {wavelengths.size}, not {factors.size}"
@@ -236,11 +227,8 @@ def find_colour(wavelengths_um: Any, reflectance: Any, illuminant: str = "D65", 
 
 
 def estimate_error(wavelengths_um: Any, reflectance: Any, illuminant: str = "D65", observer: int = 10) -> float:
-    """CIEDE2000 from a colour to that of every second wavelength (and the last): whether the steps are narrow enough.
-
-    For smooth spectra several times the error of all wavelengths. Above 1 there are ripples, as spheres of one size
-    have them, and the error may be as large; a ripple of the steps' own period stays unseen.
-    """
+    """CIEDE2000 from a colour to that of every second wavelength and the last: whether steps are narrow enough; smooth
+    spectra are better, and a ripple of the steps' own period stays unseen."""
     colour = find_colour(wavelengths_um, reflectance, illuminant, observer)
     count = np.size(reflectance)
     half = np.unique([*range(0, count, 2), count - 1])

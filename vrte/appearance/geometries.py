@@ -146,12 +146,8 @@ def project_solid_angle(receptor: Receptor, angle_deg: float) -> float:
 def collect_mirrored(
     interface: Interface, mu_i: float, receptor: Receptor, source: Rectangular | None = None, points: int = POINTS
 ) -> float:
-    """The share of an unpolarized beam that a surface by itself sends into a receptor around the mirror direction.
-
-    ``source``: the extent of an evenly bright lamp around the beam; ``points``: Gauss points of a panel, by which
-    convergence is shown. A smooth surface sends the whole mirrored beam. Raises SceneError where receptor or source
-    reach below the horizon. The lobe is that of `vrte.optics.facets` (Walter et al. 2007).
-    """
+    """The share of an unpolarized beam that a surface by itself sends into a receptor around the mirror direction, from
+    a ``source`` of that extent, by ``points`` a panel. Raises SceneError below the horizon."""
     angle_deg = math.degrees(math.acos(check_cosines("mu_i", mu_i).item()))
     check_in_view(receptor, angle_deg)
     if source is not None:
@@ -365,9 +361,8 @@ def check_angle(name: Any, angle: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What becomes of unpolarized light at some wavelengths: Stokes vectors (wavelength, n_in, n_out, n_phi, 4) [1/sr]
-    of diffuse light over the irradiance, from cosines mu_i (n_in,) into mu_o (n_out,) at azimuths phi (n_phi,)
-    [degrees]; the shares of it that go up diffuse and mirrored (wavelength, n_in)."""
+    """Unpolarized light at some wavelengths: Stokes vectors (wavelength, n_in, n_out, n_phi, 4) [1/sr] of diffuse light
+    over irradiance, at mu_i, mu_o, phi [degrees]; shares that go up diffuse and mirrored (wavelength, n_in)."""
 
     mu_i: Array
     mu_o: Array

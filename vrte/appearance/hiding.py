@@ -311,11 +311,8 @@ class Hiding:
         return float(divide_luminances(dark, light))
 
     def interpolate(self, times: Any) -> tuple[Array, Array]:
-        """Contrast ratio and Y over white (k,) at thicknesses (k,) over the film's own, within those of the curve.
-
-        Cubic splines run through the exact values over the logarithm of the thickness, of contrast in a variable in
-        which it is close to straight: good to 3e-3. Raises SceneError for a thickness beyond the curve.
-        """
+        """Contrast ratio and Y over white (k,) at thicknesses (k,) over the film's own, by splines over their
+        logarithm, good to 3e-3. Raises SceneError for a thickness beyond the curve."""
         from scipy.interpolate import CubicSpline
 
         at = check_vector("times", times)

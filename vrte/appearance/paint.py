@@ -319,11 +319,7 @@ def describe_content(content: dict[str, Any], folder: Path) -> Iterator[str]:
 
 
 def write_pairs(table: Mapping[str, Any]) -> str:
-    """A table of a scene file in words.
-
-    >>> write_pairs({"host_index": "alkyd", "volume_fractions": {"rutile": 0.15}, "thickness_um": 60.0})
-    'host index alkyd, volume fractions (rutile 0.15), thickness 60.0 µm'
-    """
+    """A table of a scene file in words."""
 
     def write(value: Any) -> str:
         if isinstance(value, Mapping):

@@ -181,18 +181,9 @@ def make_panel(
     compute: Compute = make_particles,
     **asked: Any,
 ) -> Panel:
-    """The panel of a scene file or its content, particles computed at each wavelength; of a panel what follows is
-    changed.
-
-    ``wavelengths_um``: ascending, by default those that the file lists, or 16 over as much of 0.40 to 0.70 um as its
-    substances are known for; ``folder``: of the tables that a content names; ``layer``: which layer is the film,
-    counted from 1; ``compute`` makes particles of a table of a scene file; ``asked``: keywords of `vrte.brdf` in place
-    of the file's, the accuracy being 1e-4 without ``nodes``, ``accuracy`` and ``method``. Raises SceneError, which
-    names the wavelength, OSError.
-
-    >>> make_panel({"layer": [{"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}]}, [0.45, 0.55])
-    Panel(2 wavelengths from 0.45 to 0.55 um, 1 layers)
-    """
+    """The panel of a scene file or content, its ``layer`` (from 1) the film, at ascending ``wavelengths_um`` (None: the
+    file's, or 16 in the visible); ``compute`` makes particles; ``asked``: keywords of `vrte.brdf`. Raises SceneError,
+    OSError."""
     if isinstance(scene, Panel):
         if wavelengths_um is not None:
             raise SceneError("wavelengths_um: a panel has its own", "wavelengths_um")

@@ -163,15 +163,9 @@ def find_kubelka_munk(
     k2: Any = None,
     progress: Progress | None = None,
 ) -> KubelkaMunk:
-    """K and S of a panel's film from its exact reflectances over black and over white, and Saunderson's k1 and k2.
-
-    One film, with or without a surface on top; ``white``: albedo of the white Lambertian base in its medium.
-    ``geometry``: how reflectance is read, all light of one direction, "8:di" or "di:8", or of all, "di:di". "inside":
-    evenly diffuse light in the medium of the film, its surface taken off, which is the case that K and S are made for;
-    they then come from reflectance and transmittance, also where a film hides its base. ``k1``, ``k2`` (n,) or one
-    number take the place of those computed. Raises SceneError for other layers or interfaces, another geometry, a film
-    that hides its base at a wavelength, or one of which two fluxes know no K and S.
-    """
+    """K and S of a panel's film, and Saunderson's k1 and k2 where not given, (n,), from exact reflectances over black
+    and ``white`` bases in a ``geometry`` ("8:di", "di:8", "di:di", "inside": diffuse, surface taken off). Raises
+    SceneError."""
     check_film(panel)
     under = check_number("white", white, 5e-324, 1.0, "an albedo above 0, up to 1")
     if geometry == INSIDE:

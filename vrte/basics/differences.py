@@ -90,14 +90,8 @@ class _Tableau:
 
 
 def find_slopes(at: Callable[[float], Arrays], value: float, step: float, here: Arrays | None = None) -> list[Array]:
-    """Slopes of several arrays over a number at its ``value``; ``at`` gives the arrays there, and ``here`` is what it
-    gives at the value itself.
-
-    Central differences, or one-sided ones where ``at`` raises a SceneError on the other side, at steps that are halved
-    from ``step`` on until no array's slopes change any more; extrapolated to no step. An array that is the same on both
-    sides, infinity included, has the slope 0. Raises the SceneError of ``at`` where neither side is allowed. Source:
-    C. J. F. Ridders, Adv. Eng. Softw. 4, 75 (1982).
-    """
+    """Slopes of arrays over a number at its ``value``, central or one-sided where ``at`` raises on one side, at halved
+    steps, extrapolated (Ridders, Adv. Eng. Softw. 4, 75 (1982)). Raises SceneError where no side is allowed."""
     step = round_step(step)
     first: dict[int, Arrays] = {}
     for _ in range(SHRINKS + 1):

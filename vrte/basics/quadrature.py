@@ -23,9 +23,8 @@ KEPT = 40_000  # doubles of functions that are kept for the next time, 16 times 
 def compute_wigner_functions(
     pairs: Sequence[tuple[int, int]], terms: int, cosine: Array, difference: Array | None = None
 ) -> Iterator[tuple[int, Array]]:
-    """Yields first l and d^l_mn (l, pair, n) at ascending ``cosine`` (n,), l < ``terms``, by blocks of degrees.
-    ``difference`` is 1 - |cosine|, where more digits are known (`find_gap`). Pairs: (0, n), or (m, m) and (m, -m).
-    Source: Hovenier and van der Mee, Astron. Astrophys. 128, 1 (1983)."""
+    """Yields first l and d^l_mn (l, pair, n), l < ``terms``, pairs (0, n) or (m, m) and (m, -m), at ascending cosines
+    with ``difference`` 1 - |cosine|: Hovenier and van der Mee, Astron. Astrophys. 128, 1 (1983)."""
     if terms > DEGREES_AT_ONCE or len(pairs) * terms * cosine.size > KEPT:
         yield from _compute_blocks(pairs, terms, cosine, 1.0 - np.abs(cosine) if difference is None else difference)
         return
@@ -106,9 +105,8 @@ def _turn_back(block: Array, pairs: Sequence[tuple[int, int]], degrees: NDArray[
 
 @lru_cache(maxsize=32)
 def find_gauss_legendre(count: int) -> tuple[Array, Array]:
-    """Nodes in (-1, 1), ascending, and weights, both (count,), each to a few units of its last digit: Newton's method
-    in the angle; general-purpose routines lose up to 1e-9 of the outermost weights, where a forward peak sits. Source:
-    Abramowitz and Stegun (1964), 22.7.10, 22.16.6 and 25.4.29."""
+    """Nodes in (-1, 1), ascending, and weights, (count,), to a few units of the last digit, by Newton in the angle:
+    Abramowitz and Stegun (1964), 22.7.10, 22.16.6, 25.4.29."""
     half = (count + 1) // 2
     guess = (4.0 * np.arange(1, half + 1) - 1.0) / (4.0 * count + 2.0) * math.pi
     angle = guess + (count - 1.0) / (8.0 * count**3) / np.tan(guess)

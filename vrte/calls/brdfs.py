@@ -223,13 +223,8 @@ _share: ContextVar[Share | None] = ContextVar("cores", default=None)
 
 @contextmanager
 def share_cores(share: Share) -> Iterator[None]:
-    """Within it, what runs side by side has so many cores: for one of several threads that are at work, whose time was
-    predicted.
-
-    >>> with share_cores(Share(1)):
-    ...     run_side_by_side([lambda: 1, lambda: 2])
-    [1, 2]
-    """
+    """Within it, what runs side by side has so many cores: for one of several threads at work, whose time was
+    predicted."""
     before = _share.set(share)
     try:
         yield
@@ -245,13 +240,8 @@ def is_shared() -> bool:
 def run_side_by_side(
     calls: Sequence[Callable[[], Made]], progress: Progress | None = None, workers: int | None = None, stop: Any = None
 ) -> list[Made]:
-    """What the calls return, in their order; the first error in that order is raised, and what has not begun by then
-    never does. ``progress`` gets how many are done; ``workers``: by default one a usable CPU; ``stop``, a flag (1,)
-    that the calls look at, is set where this thread is interrupted.
-
-    >>> run_side_by_side([lambda: 1, lambda: 2])
-    [1, 2]
-    """
+    """What the calls return, in order, on so many ``workers`` (None: usable CPUs); the first error stops those not
+    begun; an interrupt sets the flag ``stop`` (1,), which the calls look at."""
     share = _share.get()
 
     def perform(call: Callable[[], Made]) -> Made:
@@ -321,11 +311,7 @@ def solve_one(request: Request, run: Run) -> Brdf | Field:
 
 
 def split_among(batch: list[int], cores: int) -> list[list[int]]:
-    """A batch in as many parts as there are cores, each of two or more.
-
-    >>> split_among([0, 1, 2, 3, 4], 2), split_among([0, 1, 2], 8)
-    ([[0, 1, 2], [3, 4]], [[0, 1], [2]])
-    """
+    """A batch in as many parts as there are cores, each of two or more."""
     step = max(2, -(-len(batch) // cores))
     return [batch[first : first + step] for first in range(0, len(batch), step)]
 

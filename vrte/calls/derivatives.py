@@ -32,12 +32,8 @@ DIFFUSES = 0.8  # over the square of a thickness: absorption that it notices, pi
 
 
 def differentiate_once(plan: Plan, variation: Variation, run: Run, progress: Progress | None = None) -> Solution:
-    """The derivative of a plan's solution with one variation, as a solution: by five points, four solves or five.
-
-    Each solve has the nodes and the truncation of the plan, and leaves nothing out that is not lost in rounding. Depths
-    at the faces of layers stay there, others where they are below the top of all. Raises SceneError where there is no
-    derivative: a bound on either side of the number.
-    """
+    """The derivative of a plan's solution with one variation, by five points on the nodes and with the truncation of
+    the plan. Raises SceneError where a bound on either side leaves none."""
     scenes = sample_scenes(plan.request, variation)
     plans = [plan_batch(plan, scene, run) for _, scene in scenes]
     sums: list[Array] = []
@@ -132,12 +128,8 @@ def find_lowest_cosine(request: Request) -> float:
 
 
 def find_step(request: Request, variation: Variation, beams: bool) -> float:
-    """How far to go along a variation: a small share of that in which light changes by something like itself.
-
-    Thickness: of itself, or of the flattest direction's cosine, of this alone for beams. Albedo: of what is absorbed,
-    or would matter beside diffusion through the layers down to it. Coefficients: of 2 l + 1, the largest they can be.
-    Bases: of all that they reflect, with what is lost between them and the layers.
-    """
+    """The step along a variation: a small part of that in which light changes by something like itself (thickness: of
+    itself or the flattest cosine; albedo: of absorption; coefficients: of 2 l + 1; bases: of reflection)."""
     scene = request.scene
     thickness, albedo = (np.array([getattr(one, name) for one in scene.layers]) for name in ("thickness", "albedo"))
     lowest = find_lowest_cosine(request)

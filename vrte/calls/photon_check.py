@@ -26,9 +26,8 @@ STOKES = "IQUV"
 
 
 def note_photons(request: Request, progress: Progress | None = None) -> dict[str, Any]:
-    """What ``diagnostics["photons"]`` tells, where photons were asked for: the largest difference in standard errors of
-    I, Q, U and V among bins, depths, beams and incident Stokes parameters; with a warning beyond MOST. ``progress`` is
-    of photons alone, step by step where others have to confirm them."""
+    """The entry "photons" of diagnostics, where asked for: the largest difference of I, Q, U and V in standard errors,
+    with a warning beyond MOST; ``progress`` is of photons alone."""
     if not request.by_photons:
         return {}
     start = time.perf_counter()

@@ -94,12 +94,8 @@ def warn_runtime_of_all(
     beside: float = 0.0,
     workers: int = 1,
 ) -> bool:
-    """Says what ``count`` solves take together, by a few that are spread among them; whether it is long.
-
-    ``asked_at``: the request at a place, and the seconds that its particles took; ``what`` they are;
-    ``limit`` in seconds, by default that of the requests; ``beside``: seconds of other work; ``workers`` share all of
-    it. Requests that are not valid are passed over: their own calls raise. Raises SceneError beyond the limit.
-    """
+    """Warns of the time of ``count`` solves on ``workers``, ``beside`` other seconds, by a few: ``asked_at`` gives
+    request and seconds of particles at a place (invalid ones are passed over). Raises SceneError beyond the limit."""
     if count < 2:
         return False
     begin, looked, solving = time.perf_counter(), [], []

@@ -31,20 +31,12 @@ OF_ERRORS: dict[type[BaseException], str] = {
 
 
 def find_starter(kind: str) -> Path:
-    """The file that `vrte init` copies.
-
-    >>> find_starter("snow").name
-    'snow.toml'
-    """
+    """The file that `vrte init` copies."""
     return next(FOLDER.glob(f"{kind}.*"))
 
 
 def find_page(error: BaseException) -> str | None:
-    """The page that says more about what is wrong, as it is named to a user; None where none would help.
-
-    >>> find_page(SceneError("layer[1].interface.roughness must be ...", "layer", 0, "interface", "roughness"))
-    'docs/how_to/rough_surfaces.md'
-    """
+    """The page that says more about what is wrong, as it is named to a user; None where none would help."""
     if isinstance(error, SceneError):
         page = next((OF_KEYS[step] for step in reversed(error.place) if step in OF_KEYS), None)
     else:
@@ -53,11 +45,7 @@ def find_page(error: BaseException) -> str | None:
 
 
 def locate_page(page: str) -> str:
-    """Where a page is read: on the site that the package's metadata name as Documentation, or in the source tree.
-
-    >>> locate_page("how_to/sweeps.md")
-    'docs/how_to/sweeps.md'
-    """
+    """Where a page is read: on the site that the package's metadata name as Documentation, or in the source tree."""
     site = find_site()
     return f"{site}/{page.replace('README', 'index').removesuffix('.md')}.html" if site else f"docs/{page}"
 
@@ -119,16 +107,8 @@ class Parser(argparse.ArgumentParser):
         group: Any = None,
         **more: Any,
     ) -> None:
-        """An argument as it is typed, "-o --output OUT.csv" or "scene SCENE.toml", and what help says of it; what reads
-        it follows from the word in capitals. ``limits`` of a whole number N; ``suffixes`` of a file OUT that is
-        written, by default the one that is typed there.
-
-        >>> command = Parser("vrte x")
-        >>> command.take("-o --output OUT.csv", "a table")
-        >>> command.take("--count N", "how many", limits=(1, 5))
-        >>> command.parse_args(["-o", "a.csv", "--count", "2"]).count, command.outputs
-        (2, {'output': ('.csv',)})
-        """
+        """An argument as it is typed, "-o --output OUT.csv" or "scene SCENE.toml", read as the word in capitals says,
+        its ``help``, ``limits`` of a whole number N, and ``suffixes`` of a file OUT."""
         *names, word = typed.split()
         if word.startswith("-"):
             more = more if "choices" in more else {"action": "store_true"} | more
@@ -174,11 +154,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def resolve_value(value: Any) -> Any:
-    """A value of commands.toml, or what it names in a module of vrte.
-
-    >>> resolve_value(["vrte.commands.common:PICTURES", 1])
-    [('.png', '.svg', '.pdf'), 1]
-    """
+    """A value of commands.toml, or what it names in a module of vrte."""
     if isinstance(value, list):
         return [resolve_value(one) for one in value]
     return resolve_name(value) if isinstance(value, str) and re.fullmatch(r"vrte[\w.]*:\w+", value) else value
@@ -197,11 +173,7 @@ def find_reader(word: str) -> Reader:
 
 
 def make_option_reader(name: str) -> Reader:
-    """What reads the number of an option of a call.
-
-    >>> make_option_reader("nodes")("8"), make_option_reader("time_limit_s")("inf")
-    (8, inf)
-    """
+    """What reads the number of an option of a call."""
     from vrte.request.how import OPTIONS
 
     option = OPTIONS[name]
@@ -350,11 +322,8 @@ STUDIES = ("tables", "report", "stability", "benchmarks", "cost")  # targets of 
 
 
 def make_parser(arguments: Sequence[str] | None = None) -> Parser:
-    """The parser of the command line: with the arguments of all commands, or of that alone which the words typed name.
-
-    >>> make_parser().parse_args(["brdf", "gold.toml", "--nodes", "8"]).nodes
-    8
-    """
+    """The parser of the command line: with the arguments of all commands, or of that alone which the words typed
+    name."""
     parser = Parser(prog="vrte", description="Polarized subsurface reflectance of particulate layers.")
     parser.examples, parser.heading = TOUR, "a short tour"
     parser.set_defaults(run=None)

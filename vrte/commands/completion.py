@@ -36,11 +36,7 @@ def list_actions(parser: argparse.ArgumentParser) -> Iterator[Any]:
 
 
 def make_patterns(suffix: str) -> dict[str, Any]:
-    """Files with a suffix, and folders on the way to them, as each shell is asked for them.
-
-    >>> make_patterns(".toml")["zsh"]
-    "_files -g '*.toml'"
-    """
+    """Files with a suffix, and folders on the way to them, as each shell is asked for them."""
     function = f"_vrte_files_{suffix[1:]}"
     lines = (f"{function}() {{", '  compgen -d -- "$1"', f"  compgen -f -X '!*{suffix}' -- \"$1\"", "}")
     return {

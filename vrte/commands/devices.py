@@ -54,16 +54,7 @@ def show_devices(options: argparse.Namespace) -> None:
 def describe_devices(
     found: Sequence[Device], taken: int | None, reason: str, complaints: Mapping[int, str] = NOTHING
 ) -> str:
-    """A line a device, and which one is taken and why; complaints: of those that do not compute, by index.
-
-    >>> cpu = Device("PoCL", "a processor", "cpu", True, 16 << 30, 4 << 30, 8, "3.0")
-    >>> print(describe_devices([cpu], 0, "the only device"))
-         device                                      kind         fp64    memory   largest  units  driver
-     * 0 a processor                                 cpu          yes    17.2 GB    4.3 GB      8  3.0
-         on PoCL
-    <BLANKLINE>
-      taken: 0, the only device
-    """
+    """A line a device, and which one is taken and why; complaints: of those that do not compute, by index."""
     columns = f"{'memory':>10}{'largest':>10}{'units':>7}  driver"
     lines = [f"     {'device':44}{'kind':13}{'fp64':4}{columns}"]
     for index, each in enumerate(found):

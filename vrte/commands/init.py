@@ -37,12 +37,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def suggest_next(kind: str, path: Path) -> str:
-    """The command that solves a scene file: into a picture, or a table without
-    matplotlib; a paint into its page, whose name needs no option.
-
-    >>> suggest_next("cloud", Path("cloud.toml")).split(" --")[0]
-    'vrte field cloud.toml'
-    """
+    """The command that solves a scene file: into a picture, or a table without matplotlib; a paint into its page."""
     draws = importlib.util.find_spec("matplotlib") is not None
     output = ["--plot", path.with_suffix(".png")] if draws else ["-o", path.with_suffix(".csv")]
     output = [] if kind in ("paint", "measurement") else output

@@ -32,11 +32,7 @@ Groups = Sequence[tuple[str, tuple[str, ...]]]  # of columns that are drawn toge
 
 
 def read_range(text: str) -> list[float]:
-    """What reads LOW:HIGH:COUNT.
-
-    >>> read_range("0.4:0.7:4")
-    [0.4, 0.5, 0.6, 0.7]
-    """
+    """Numbers, evenly from LOW:HIGH:COUNT."""
     try:
         low, high, count = text.split(":")
         if not (count.isdecimal() and 2 <= int(count) <= MOST_WAVELENGTHS):

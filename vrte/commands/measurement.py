@@ -13,11 +13,7 @@ from vrte.fit.measurement import Measurement, make_measurement, understand_file
 
 
 def read_pair(text: str) -> tuple[str, str]:
-    """What a column is, and its name or number.
-
-    >>> read_pair("wavelength_um=Wellenlänge")
-    ('wavelength_um', 'Wellenlänge')
-    """
+    """What a column is, and its name or number, of "wavelength_um=Wellenlänge"."""
     role, sign, name = text.partition("=")
     if not (role and sign and name):
         raise argparse.ArgumentTypeError(f"must be WHAT=COLUMN, not {text!r}")

@@ -216,12 +216,8 @@ def verify_device(
     seconds: float = LONGEST,
     wanted: Sequence[str] = (),
 ) -> str:
-    """Checks a device of `vrte.cl.device.devices`, by default the one that is taken, within about so many seconds, and
-    writes a line of each; ``report`` gets the name of each when it begins; ``wanted``: names of checks, by
-    default all. Returns one sentence where a check did not pass or there was no time for any, otherwise "".
-
-    Raises DeviceError where there is no such device or its kernels do not compile.
-    """
+    """Writes a line of each check ``wanted`` (None: all) of a device (None: the one that is taken) within about so many
+    seconds; one sentence where one did not pass or none was done, else "". Raises DeviceError."""
     all_devices = device.devices()
     chosen = all_devices.index(device.find_chosen_device()) if index is None else index
     if not 0 <= chosen < len(all_devices):
@@ -350,13 +346,7 @@ def time_calls(calls: Sequence[Callable[[], object]]) -> list[float]:
 
 
 def describe_rates(rates: Sequence[Rate], threads: int) -> str:
-    """A line a size.
-
-    >>> print(describe_rates([Rate(160, 64, 90.0, 100.0)], 2))
-      products in double precision, 1e9 operations a second
-      size        matrices    device   BLAS, 2 threads   ratio
-      160 x 160         64      90.0             100.0    0.90
-    """
+    """A line a size: products of matrices a second on the device and by BLAS."""
     title = f"BLAS, {threads} thread{'s' if threads > 1 else ''}"
     lines = ["  products in double precision, 1e9 operations a second"]
     lines.append(f"  size        matrices    device{title:>18}   ratio")

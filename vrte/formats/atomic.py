@@ -74,9 +74,8 @@ def read_blocks(file: BinaryIO, size: float = math.inf) -> Iterator[bytes]:
 
 
 def is_sealed(path: str) -> bool:
-    """Whether a file ends in a checksum. Raises SceneError where the checksum does not fit, OSError.
-
-    HDF5 removes such an end when it changes a file: what others did to it is not taken for damage."""
+    """Whether a file ends in a checksum, which HDF5 removes when it changes a file. Raises SceneError where it does not
+    fit, OSError."""
     size = os.path.getsize(path) - LENGTH
     with open(path, "rb") as file:
         file.seek(max(size, 0))
@@ -99,16 +98,8 @@ def check_text(first: bytes, rest: Iterable[bytes]) -> bool:
 
 @contextmanager
 def write_atomically(path: PathName, mark: str = "") -> Iterator[Path]:
-    """A path beside ``path`` to write to, which takes the place of ``path`` when the block ends well.
-
-    With ``mark`` it is that of a folder, which replaces only a folder that holds the file ``mark``. After any
-    exception, an interrupt included, what was at ``path`` is as before. Raises SceneError for a path that no file can
-    have; OSError, which names ``path``, also where a pipe, a device or something else that is not replaced is there.
-
-    >>> with write_atomically("result.csv") as part:
-    ...     part.write_text("mu_i,mu_o")
-    9
-    """
+    """A path to write to, which takes the place of ``path`` when the block ends well, else all is as before; with
+    ``mark`` that of a folder, which replaces only one that holds the file ``mark``. Raises SceneError, OSError."""
     target = Path(os.path.realpath(check_file_name(path)))  # through a symbolic link, so that the link survives
     code = 0
     if not target.parent.is_dir():
@@ -145,15 +136,8 @@ def write_text(text: str, path: PathName) -> None:
 
 @contextmanager
 def write_sealed_text(path: PathName) -> Iterator[TextIO]:
-    """A text file in UTF-8 to write to, whose first line becomes a comment with the checksum of all other lines; raises
-    as `write_atomically`.
-
-    >>> with write_sealed_text("index.csv") as file:
-    ...     file.write("wavelength_um,n,k\\n0.55,1.5,0.0\\n")
-    31
-    >>> print(Path("index.csv").read_text()[:24])
-    # vrte sha256 ef98813214
-    """
+    """A text file in UTF-8 to write to, whose first line becomes a comment with the checksum of all others. Raises as
+    `write_atomically`."""
     head = len(COMMENT) + LENGTH
     with write_atomically(path) as part:
         with open(part, "w", encoding="utf-8", newline="") as file:

@@ -111,9 +111,8 @@ class Lines:
 
 @dataclass
 class Columns:
-    """A table of text: the ``names`` of its columns, its ``rows`` of cells, and the ``lines`` that they stand in;
-    ``separator`` of cells, " " for white space; ``above``: the lines before the table that are none of it.
-    """
+    """A table of text: ``names`` of columns, ``rows`` of cells, the ``lines`` they stand in, the ``separator`` (" ":
+    white space), and the lines ``above`` it."""
 
     names: list[str]
     rows: list[list[str]]

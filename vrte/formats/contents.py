@@ -223,12 +223,8 @@ def check_size(size: float, most_bytes: float) -> None:
 
 
 def to_xarray(result: Result) -> "xarray.Dataset":
-    """A labelled copy of ``result``: every variable and coordinate has ``units`` and ``long_name``, Stokes parameters
-    have the labels "I", "Q", "U" and "V", derivatives those of their numbers. Raises MissingExtraError without xarray.
-
-    >>> to_xarray(brdf).mueller.sel(stokes_out="I", stokes_in="I").dims
-    ('mu_i', 'mu_o', 'phi_deg')
-    """
+    """A labelled copy of ``result``, every variable with ``units`` and ``long_name``. Raises MissingExtraError without
+    xarray."""
     xarray = import_extra("xarray", LABELLED, "files")
     kind, arrays = find_kind(result), collect_arrays(result)
     about = {name: (of.dims, arrays[name], of.attributes) for name, of in kind.arrays.items() if name in arrays}

@@ -50,9 +50,9 @@ class Other(NamedTuple):
 
 @dataclass(frozen=True)
 class Key:
-    """One key: ``label`` and ``hint`` in the form, or within its field what is taken where it is ``empty``; what the
-    form begins with (``start``; None: it is left out); whether a file must have it; in words what is ``allowed``; the
-    ``argument`` that it is, where that has another name, and an ``other`` key in its place."""
+    """One key: ``label`` and ``hint`` in the form, what is taken where it is ``empty``, its ``start`` there (None: left
+    out); whether it is ``needed``, what is ``allowed`` in words, the ``argument`` that it gives, an ``other`` key in
+    its place."""
 
     label: str = ""
     start: Any = None

@@ -308,9 +308,8 @@ def read_layer(layer: Table, reading: Reading) -> tuple[Table, str, dict[str, An
 
 
 class FilledLayer(NamedTuple):
-    """A layer of particles: its place in the file; its kinds, in the order they are made; ``amounts``: how much of
-    each, by number or ``by_volume``, the part of the volume that they fill (0 where it does not matter), and how thick
-    it is, optically or, ``is_length``, in micrometres; and how it is packed."""
+    """A layer of particles: place in the file, kinds, ``amounts`` (of each kind, by number or ``by_volume``, the volume
+    filled, 0 where it does not matter, and the thickness, optical or, ``is_length``, in um), and packing."""
 
     place: int
     kinds: list[int]

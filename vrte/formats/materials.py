@@ -232,12 +232,8 @@ def expand_content(content: Mapping[str, Any], folder: Path = Path()) -> dict[st
 
 
 def expand_paint(content: Mapping[str, Any]) -> dict[str, Any]:
-    """The content of a scene file with ordinary particles, layers and a base in place of its table [paint]. What the
-    paint says is passed on as it is, to be checked there. Raises SceneError.
-
-    Grains are packed by the coherent potential, which goes over into independent scattering where they are few, so
-    that nothing jumps as a volume fraction is changed; grains that are no spheres scatter independently.
-    """
+    """The content of a scene file with particles, layers and a base in place of its table [paint], unchecked; spheres
+    are packed by the coherent potential, other grains independent. Raises SceneError."""
     if "paint" not in content:
         return dict(content)
     for key in REPLACED:

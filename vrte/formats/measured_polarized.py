@@ -95,15 +95,8 @@ FEWEST, MOST = 8, 1024
 
 
 def directions(cosines: int = COSINES, azimuths: int = AZIMUTHS) -> dict[str, Any]:
-    """What a spectrum must be solved for to be written as a table: ``mu_i``, ``mu_o`` and ``phi`` for `vrte.spectrum`.
-
-    ``cosines`` of incidence and of exit each, ``azimuths`` from 0 to 180 degrees, the other half is their mirror image.
-    The scene's own features must be resolved by both: twice as many azimuths as its BRDF has Fourier orders, and
-    as many cosines as there are nodes, are plenty. Raises SceneError.
-
-    >>> {name: values.size for name, values in directions().items()}
-    {'mu_i': 48, 'mu_o': 48, 'phi': 73}
-    """
+    """What a spectrum must be solved for to be written as a table: ``cosines`` mu_i and mu_o, ``azimuths`` phi from 0
+    to 180 degrees, twice the Fourier orders at least. Raises SceneError."""
     mu = make_cosines(check_whole("cosines", cosines, FEWEST, MOST))
     return {"mu_i": mu, "mu_o": mu, "phi": np.linspace(0.0, 180.0, check_whole("azimuths", azimuths, FEWEST, MOST))}
 

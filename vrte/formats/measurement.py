@@ -22,15 +22,8 @@ SIGMA = "_sigma"  # behind the name of a quantity in NetCDF: its standard deviat
 
 
 def read_columns(path: PathName, names: Sequence[str]) -> dict[str, list[Any]] | Columns:
-    """The columns of a measurement's file, of those that ``names`` lists: numbers or words, NaN or "" where a cell is
-    empty; the table as it is where the columns have other names. Raises SceneError, which names the line,
-    MissingExtraError, OSError.
-
-    >>> with open("panel.csv", "w") as file:
-    ...     _ = file.write("quantity,theta_i_deg,value\\ntotal_reflectance,8,0.5\\n")
-    >>> read_columns("panel.csv", ("quantity", "theta_i_deg", "value"))
-    {'quantity': ['total_reflectance'], 'theta_i_deg': [8.0], 'value': [0.5]}
-    """
+    """The columns of a measurement's file among ``names``, NaN or "" where a cell is empty; the table as it is where
+    its columns have other names. Raises SceneError, which names the line, MissingExtraError, OSError."""
     if Path(check_file_name(path)).suffix.lower() == ".nc":
         found = read_netcdf(path, None, LARGEST_FILE)
         if "quantity" not in found.arrays:

@@ -71,11 +71,7 @@ def load_netcdf(path: PathName, most_bytes: float) -> Result:
 
 @contextmanager
 def create_netcdf(path: PathName) -> Iterator[Any]:
-    """An `h5netcdf.File` at ``path`` to write to piece by piece. Raises OSError at its end where the disk was full.
-
-    >>> with create_netcdf("table.nc") as file:
-    ...     file.attrs["title"] = "empty"
-    """
+    """An `h5netcdf.File` at ``path`` to write to piece by piece. Raises OSError at its end where the disk was full."""
     h5netcdf = import_extra("h5netcdf", NETCDF, "files")
     with WrittenFile(path, "wb+") as written:
         with h5netcdf.File(written, "w") as file:
@@ -158,12 +154,8 @@ def answer() -> None:
 
 
 def read_stored(name: str, wanted: Collection[str] | None, most_bytes: float) -> Stored:
-    """The ``wanted`` ones of the arrays of a NetCDF file, or all; checked before the first is read.
-
-    Raises SceneError for one that is not plainly numbers or words in this very file (a link, external storage, a
-    virtual dataset, a filter that HDF5 does not bring along), or that declares more than the file can hold, and where
-    all together take more than ``most_bytes`` in memory.
-    """
+    """The ``wanted`` arrays of a NetCDF file, or all. Raises SceneError for one that is not plainly numbers or words in
+    this very file, or declares more than the file can hold, and beyond ``most_bytes`` in all."""
     try:
         with open(name, "rb") as file:
             classic = file.read(4) in CLASSIC

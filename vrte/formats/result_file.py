@@ -244,12 +244,8 @@ FORMATS: dict[str, tuple[Writer, Reader]] = {  # another one: a file that writes
 
 
 def save(result: Result, path: str | os.PathLike[str]) -> None:
-    """Writes a BRDF, field or spectrum to a file, all of it or nothing: NetCDF where its name ends in .nc, a table in
-    .csv, a folder of Zarr in .zarr. Raises SceneError for another ending, OSError where the file cannot be written,
-    MissingExtraError for NetCDF and Zarr without the extra "files".
-
-    >>> save(brdf, "result.csv")
-    """
+    """Writes a BRDF, field or spectrum, all of it or nothing, to .nc (NetCDF), .csv (a table) or .zarr (a folder).
+    Raises SceneError for another ending, OSError, MissingExtraError without the extra "files"."""
     suffix = Path(check_file_name(path)).suffix.lower()
     if suffix not in FORMATS:
         raise SceneError(f"the name of a result must end in {', '.join(FORMATS)}, not {check_file_name(path)!r}")

@@ -46,12 +46,8 @@ class AngleTable(NamedTuple):
 
 
 class WavelengthTable(NamedTuple):
-    """Scattering matrices at ascending wavelengths [um]; albedo and extinction (wavelengths,) where they are there.
-
-    ``values`` and ``angle_deg`` (wavelengths, elements, angles): each element at angles of its own, NaN where it has
-    none; ``places`` of the elements in ELEMENTS. ``per_mass``: extinction is in 1/km per g/m3, else in whatever unit.
-    ``radius_um``: the effective radius, where known. ``convention`` of the elements; ``doubt``: why it may be another.
-    """
+    """Scattering matrices at ascending wavelengths [um]: ``values`` and ``angle_deg`` (wavelengths, elements, angles),
+    NaN beyond an element's own angles, and albedo and extinction (wavelengths,), 1/km per g/m3 if ``per_mass``."""
 
     wavelengths_um: Array
     values: Array
@@ -99,10 +95,8 @@ def read_wavelength_table(path: PathName, selection: dict[str, float | None]) ->
 
 
 def arrange_libradtran(stored: Stored, selection: dict[str, float | None]) -> WavelengthTable:
-    """wavelen (nlam), theta, phase (nlam, nreff or nhum, nphamat, nthetamax), and ntheta (nlam, nreff, nphamat).
-
-    The order of nphamat is P11, P12, P33, P34 of spheres, and P22, P44; NaN or ntheta ends an element's angles.
-    """
+    """wavelen (nlam), theta and phase (nlam, nreff or nhum, nphamat, nthetamax): P11, P12, P33, P34, P22, P44; NaN or
+    ntheta (nlam, nreff, nphamat) ends an element's angles."""
     phase, theta = stored.arrays["phase"], stored.arrays["theta"]
     if phase.ndim != 4 or phase.shape != theta.shape or phase.shape[2] not in (1, 4, 6):
         raise SceneError(
@@ -219,15 +213,8 @@ RATIO = "/F11"
 
 
 def read_angle_table(path: str | os.PathLike[str], convention: str = "vrte") -> AngleTable:
-    """The table over angle in a CSV file. One column is angle_deg, ascending from 0 to 180, or cosine, in either order;
-    the others are elements, F11, P11, S11 or M11 to F44, a1 to b2, or what the convention calls them, such as -F12/F11.
-    Raises SceneError naming the line, OSError.
-
-    >>> with open("fog.csv", "w") as file:
-    ...     _ = file.write("cosine,F11\\n-1,0.5\\n0,1\\n1,1.5\\n")
-    >>> read_angle_table("fog.csv").angle_deg.tolist()
-    [0.0, 90.0, 180.0]
-    """
+    """The table over angle in a CSV file: angle_deg, ascending from 0 to 180, or cosine, and elements F11, P11, S11, a1
+    or as the convention calls them. Raises SceneError naming the line, OSError."""
     about = find_convention(convention)
     columns = Columns.read(path, LARGEST_FILE, MOST_ANGLES)
     indices = find_columns(columns.names, about, convention)

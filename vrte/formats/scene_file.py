@@ -96,12 +96,8 @@ REQUEST_KEYS = {kind: list_names(keys) for kind, keys in REQUESTS.items()}
 
 @dataclass(frozen=True, eq=False)
 class SceneFile:
-    """What a scene file holds.
-
-    ``kind`` is "brdf" or "field"; ``request`` holds the keywords of ``vrte.brdf`` or ``vrte.radiance``, ``options``
-    those of them that say how to solve, OPTION_KEYS, as far as they are given; ``particles`` the kinds that the layers
-    hold, by name; ``text`` the file as it is, "" where there was none; ``asked`` the table of the request; ``filled``
-    the layers that hold particles."""
+    """What a scene file holds: the ``request`` of a ``kind``, "brdf" or "field", as keywords, and as the table that was
+    ``asked``; OPTION_KEYS among them; ``particles`` by name; ``filled`` layers; its ``text``, "" without a file."""
 
     scene: Scene
     kind: str
@@ -131,9 +127,8 @@ class SceneFile:
 
 
 def read_scene(path: str | os.PathLike[str], kind: str | None = None, wavelength_um: float | None = None) -> SceneFile:
-    """Reads and checks the scene file ``path`` for the command ``kind``, "brdf" or "field"; without it the file must
-    have one of the two tables. ``wavelength_um`` wins over the file's. Raises SceneError naming the dotted key, what
-    was given and what is allowed, OSError where the file cannot be read."""
+    """The scene file at ``path``, for ``kind`` "brdf" or "field" (None: the one it has a table of), checked;
+    ``wavelength_um`` wins over the file's. Raises SceneError naming the dotted key, OSError."""
     text = read_text(path, LARGEST_FILE)
     changed = {} if wavelength_um is None else {"wavelength_um": wavelength_um}
     return replace(make_scene_file(parse_toml(text) | changed, kind, Path(path).parent), text=text)
@@ -154,9 +149,8 @@ def read_listed_wavelengths(content: dict[str, Any]) -> list[float] | None:
 def make_scene_file(
     content: dict[str, Any], kind: str | None = None, folder: Path = Path(), compute: Compute = make_particles
 ) -> SceneFile:
-    """What a scene file with this content would hold; files that it names lie in ``folder``. Errors as `read_scene`.
-    ``compute`` is called with the source and the keywords of each kind of particle: who reads many files can remember
-    its answers, and who only checks one can do without them (`check_particles`)."""
+    """What a scene file of this content holds, the files it names in ``folder``; ``compute`` makes particles of a
+    source and its keywords, or only checks them (`check_particles`). Raises as `read_scene`."""
     file = Table((), expand_content(content, folder), FILE_KEYS)
     for key in WORDS:
         read_words(file, key)

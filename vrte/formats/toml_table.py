@@ -324,9 +324,8 @@ def locate_errors(
     given_as: GivenAs = MappingProxyType({}),
     keys_only: bool = False,
 ) -> Iterator[None]:
-    """Puts the dotted key of a table, or of that of its ``keys`` that gave the argument it is about, in front of a
-    SceneError of the library. ``given_as``: arguments that the table gives by another key; one of the names ``outside``
-    stays the place of the error; ``keys_only``: an error about none of the keys stays as it is."""
+    """Puts the dotted key of a table, or of that of its ``keys`` (``given_as``: by argument) that a SceneError is
+    about, in front of it; names ``outside`` stay its place; ``keys_only``: an error of no key stays as it is."""
     try:
         yield
     except SceneError as error:

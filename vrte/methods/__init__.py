@@ -26,11 +26,7 @@ TABLE = Path(__file__).with_name("methods.toml")
 
 @cache
 def find_method(name: str) -> Method:
-    """A method by its row of methods.toml and its file of this folder.
-
-    >>> find_method("single-scattering").polarization
-    True
-    """
+    """A method by its row of methods.toml and its file of this folder."""
     assert name in METHODS
     row = tomllib.loads(TABLE.read_text("utf-8"))[name]
     file, _, solve = row["solve"].rpartition(".")

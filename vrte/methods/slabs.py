@@ -159,10 +159,8 @@ def build_slab(
 
 
 def balance_flux(slab: Slab) -> Slab:
-    """A white slab whose flux out is the flux in, exactly: what doubling misses by the error of its starting layer and
-    by rounding is transmitted, evenly.
-
-    The row of fluxes, weight mu for I, is then a left eigenvector of R + T, on which the inverse of 1 - R R hangs."""
+    """A white slab whose flux out is the flux in, exactly: what doubling misses is transmitted, evenly; the row weight
+    mu of I is then a left eigenvector of R + T."""
     on_nodes, problem = slab.on_nodes, slab.on_nodes.problem
     stokes = len(problem.stokes)
     row, evenly = np.zeros(on_nodes.n), np.zeros(on_nodes.rows.size)

@@ -25,11 +25,8 @@ BY_ACCURACY = {"tolerance": lambda accuracy: accuracy / LEFT_OUT}
 
 
 def solve_by_successive_orders(task: Task) -> Answer:
-    """Every Fourier order of the truncated phase matrices in turn, (2:21)-(2:23).
-
-    Diagnostics: "scattering_orders", "last_ratio", "remainder", "converged" and "notes" are about the orders left out,
-    not about the error in depth, which more "levels" make smaller.
-    """
+    """Every Fourier order of the truncated phase matrices in turn, (2:21)-(2:23); diagnostics are of orders left out,
+    not of the error in depth."""
     problem, convergence = connect_media(task.request, task.problem), Convergence(task.settings)
 
     shape = problem.level.size, problem.mu0.size, problem.columns.shape[0]

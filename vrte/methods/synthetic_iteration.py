@@ -104,9 +104,9 @@ def remove_polarization(scene: Scene) -> Scene:
 
 @dataclass(frozen=True, eq=False)
 class Guess:
-    """Both parts at the Gauss depths (D,) of all panels of a stack: albedo and a1 of degree 1 there; E_0 and E_z of the
-    regular part (D, n_in), of light even over each hemisphere; ``tables`` (D, n_in, terms, 6): the source of the
-    anisotropic part about the beam; ``arriving`` (n_in,): flux down at the base."""
+    """Both parts at the Gauss depths (D,) of all panels: albedo, a1 of degree 1; E_0 and E_z of the regular part (D,
+    n_in); ``tables`` (D, n_in, terms, 6) of the anisotropic part about the beam; ``arriving`` flux (n_in,) at the
+    base."""
 
     stack: Sections
     albedo: Array
@@ -199,9 +199,8 @@ def iterate_field(task: Task, request: Request, problem: Problem) -> Array:
 
 
 def compute_anisotropic_tables(request: Request, problem: Problem, layer: IntArray, tau: Array, depth: Array) -> Array:
-    """Coefficients of the source of the anisotropic part about the beam, (D, n_in, terms, 6), at depths (D,) of layers
-    (D,), ``depth`` of the truncated ones: what is spread, less the truncated layers' direct beam; of degrees 0 and 1
-    only what delta-M takes off the beam for two terms, but not here, for the rest of them is regular."""
+    """Coefficients of the source of the anisotropic part about the beam, (D, n_in, terms, 6), at depths (D,) of layers:
+    spread light less the truncated direct beam; of degrees 0, 1 only what delta-M takes off for two terms."""
     terms, mu0 = problem.coefficients.shape[1], problem.mu0
     degrees = 2.0 * np.arange(terms) + 1.0
     whole = replace(request, tau=tau)

@@ -48,9 +48,8 @@ def integrate_elements(theta: Array, weights: Array, elements: Array, terms: int
 
 
 def integrate_exactly(angles: Array, elements: Array) -> Array | None:
-    """Integrals for as many terms as there are angles, where these are a quadrature (Gauss-Legendre nodes, or even
-    steps from 0 to 180 degrees or over their middles) and the spectrum has decayed; else None. Source: Clenshaw and
-    Curtis, Numer. Math. 2, 197 (1960), for even steps."""
+    """Integrals (terms, 6), terms as many as angles, where these are Gauss-Legendre nodes or even steps (Clenshaw and
+    Curtis, Numer. Math. 2, 197 (1960)) and the spectrum has decayed; else None."""
     from scipy.fft import dct
 
     count = angles.size
@@ -381,11 +380,8 @@ def fill_ends(angles: Array, elements: Array, ends: str | None) -> tuple[Array, 
 
 
 def extend_to_end(theta: Array, elements: Array, forward: bool) -> Array:
-    """Elements (6, 1) in the exact forward or backward direction, ``theta`` (n,) [radians] away from it, ascending.
-
-    log F11 and the ratios of the diagonal are even in theta: parabolas within twice the first angle; F12 and F34
-    vanish, F22 = +-F33, F44 = +-(2 F22) -+ F11. Source: Hovenier and Mackowski, JQSRT 60, 483 (1998).
-    """
+    """Elements (6, 1) in the exact forward or backward direction, ``theta`` (n,) [radians] away: parabolas of log F11
+    and ratios, with the symmetries of Hovenier and Mackowski, JQSRT 60, 483 (1998)."""
     near = theta <= max(2.0 * theta[0], theta[2])
     shape = np.vstack([np.log(elements[:1, near]), elements[[2, 3], :][:, near] / elements[0, near]])
     parabola = np.stack([np.ones(near.sum()), theta[near] ** 2], axis=1)

@@ -28,12 +28,8 @@ SCALES = {  # the scale of F11 in words; the mean of F11 over the sphere where t
 
 @dataclass(frozen=True)
 class Convention:
-    """One way of writing a scattering matrix.
-
-    words, source: what uses it, and where that is said. columns: what its six columns hold, in the order of ELEMENTS
-    (Pll and Prr are intensities along and across the scattering plane, Plr what goes from one to the other). scale: a
-    key of SCALES. circular: its sign of F34.
-    """
+    """One way of writing a scattering matrix: ``words``, ``source``, ``columns`` in the order of ELEMENTS (Pll and Prr
+    along and across the scattering plane, Plr between), ``scale`` by name, ``circular``: the sign of F34."""
 
     words: str
     source: str

@@ -63,9 +63,8 @@ def restore_lost(surface: RoughSurface, mu_i: Array, mu_o: Array, transmitted: b
 
 
 def share_bounces(surface: RoughSurface, mu: Array) -> Array:
-    """Shares of light along mu (n,) in single bounces, reflected, let through and hidden, of I and of what Q adds to
-    it, (n, 6): integrals over facets by the angle of incidence on them, in pieces between slopes, total reflection, and
-    the angles from which on light turns below the horizon, or is refracted as low as it comes."""
+    """Shares of light along mu (n,) in single bounces, reflected, let through and hidden, of I and of what Q adds, (n,
+    6): integrals over the angle on facets, in pieces between kinks."""
     x, weights = make_double_gauss(POINTS)
     ratio, theta = complex(surface.ratio), np.arccos(np.minimum(mu, 1.0))[:, None]
     right, slopes = 0.5 * np.pi, SLOPES[surface.distribution]
@@ -96,10 +95,8 @@ def share_bounces(surface: RoughSurface, mu: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Lost:
-    """What single bounces lose on one side, l of I and Q, as polynomials: pieces, by ascending cosines, each of a panel
-    of directions between two of its variable x; first cosine of each (piece,); values (piece, DEGREE, 2); total, the
-    integral of I's l mu over mu, L over 2 pi; share: of light from everywhere let through of what single bounces send
-    on."""
+    """Light l of I and Q that single bounces lose on one side, (piece, DEGREE, 2) polynomials on panels from the
+    ``first`` cosines (piece,); ``total`` integral of l mu of I, L over 2 pi; ``share`` of it that goes through."""
 
     index: float
     pieces: list[tuple[Panel, float, float]]

@@ -235,9 +235,8 @@ class ParticleKind:
         counts: tuple[int, int],
         converged: Array,
     ) -> tuple[Average, int, float]:
-        """An average over sizes, over how many radii, and the last relative change of cross sections: of what
-        ``average(count, moment)`` gives, with its sums (4,) and its number of radii, which is doubled, from the first
-        to the last of ``counts``, until the sums change by no more than ``converged`` (4,)."""
+        """An average over sizes, the number of radii, doubled within ``counts`` until sums (4,) of ``average(count,
+        moment)`` change by no more than ``converged`` (4,), and the last relative change of cross sections."""
         held = self.size if isinstance(self.size, Held) else None
         if held and (counts_taken := held.find(self.host)):
             found, _, used = average(*counts_taken)

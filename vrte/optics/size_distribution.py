@@ -192,9 +192,8 @@ class Tabulated:
 
 @dataclass(eq=False)
 class Held:
-    """A distribution that is averaged over as many radii as it once took, so that an average does not jump as a number
-    of the particles is changed a little: ``settled``, shared by all that are held together, is how many radii, up to
-    which moment, it took in each of the ``hosts``, in the order in which they are asked for."""
+    """A distribution averaged over as many radii as it once took, so that averages do not jump; ``settled``, shared by
+    all held together: number of radii and moment in each of the ``hosts``, in order."""
 
     distribution: SizeDistribution
     settled: list[tuple[int, int]]

@@ -246,9 +246,8 @@ def stack_functions(axes: list[tuple[Array, Complex]], row: int, angles: Array) 
 
 
 def expand_average(matrix: Complex) -> Array:
-    """Integrals as `project_elements` has them of k^2 F, averaged over all orientations: products of G^M and G^M', M -
-    t = M' - t', G^M_st(Theta, beta) = sum d^n_Ms(Theta) d^n_Mm(beta) c^m_(n s, n' t) d^n'_tm(beta), over half of the
-    cosines of beta, whose other half is their mirror image."""
+    """Integrals as of `project_elements` of k^2 F averaged over orientations: products of G^M_st = sum d^n_Ms(Theta)
+    d^n_Mm(beta) c^m_(n s, n' t) d^n'_tm(beta) over cosines of beta, half of which are mirror images."""
     orders = matrix.shape[-1]
     axes = [find_rotation(degree) for degree in range(1, orders + 1)]
     cosines, weights = find_gauss_legendre(2 * orders + 2)

@@ -23,9 +23,8 @@ CHOICES = ("auto", *TRUNCATIONS)
 
 @dataclass(frozen=True, eq=False)
 class Truncated:
-    """A layer as multiple scattering sees it: ``coefficients`` (terms, 6), albedo, optical thickness; the ``fraction``
-    f of scattered light in the peak; ``stretch`` = 1 - albedo f, a depth here over that in the layer; ``gain`` =
-    albedo/stretch, for the albedo where the whole phase matrix scatters."""
+    """A layer as multiple scattering sees it: ``coefficients`` (terms, 6), albedo, optical thickness; ``fraction`` f of
+    light in the peak, ``stretch`` 1 - albedo f of depths, ``gain`` albedo/stretch of the whole matrix."""
 
     coefficients: Array
     albedo: float

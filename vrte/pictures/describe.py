@@ -16,9 +16,8 @@ INCIDENT, MIRRORED = "#d62728", GREEN  # rays of light
 
 @dataclass(frozen=True)
 class Curve:
-    """Points x, y (n,), joined where there is a ``dash``, marked where there is a ``marker``, with error bars ``sigma``
-    (n,); ``hover`` in Plotly's placeholders; ``filled``: the polygon, with a ``hatch``; ``arrow``: from the first point
-    to the second; ``bar``: bars in place of the line, off by so much from x."""
+    """Points x, y (n,), joined by a ``dash``, with a ``marker``, errors ``sigma`` (n,), ``hover`` in Plotly's
+    placeholders; ``filled`` polygon with a ``hatch``; ``arrow`` between two; ``bar``: bars so far off from x."""
 
     x: Any
     y: Any
@@ -130,11 +129,7 @@ class Picture:
 
 
 def spread(size: int, most: int) -> list[int]:
-    """At most so many indices, evenly over all.
-
-    >>> spread(9, 3), spread(2, 4)
-    ([0, 4, 8], [0, 1])
-    """
+    """At most so many indices, evenly over all."""
     return sorted({round(i * (size - 1) / max(min(size, most) - 1, 1)) for i in range(min(size, most))})
 
 

@@ -128,11 +128,7 @@ def make_polar_axes(panel: PlotPanel) -> dict[str, Any]:
 
 
 def convert_to_dark(part: Any) -> Any:
-    """A figure's JSON, or a part of it, in the colours of a dark page.
-
-    >>> convert_to_dark({"line": {"color": "#222222"}, "y": [1, 2]})
-    {'line': {'color': '#e3e7ea'}, 'y': [1, 2]}
-    """
+    """A figure's JSON, or a part of it, in the colours of a dark page."""
     if isinstance(part, dict):
         return {key: convert_to_dark(value) for key, value in part.items()}
     if isinstance(part, (list, tuple)):

@@ -126,12 +126,8 @@ def name_brdf(brdf: Brdf) -> str:
 
 
 def choose_range(values: Array, quantity: str) -> tuple[float, float]:
-    """The ends of an axis or a colour scale: 0 to 180 for angles, as far below 0 as above where a quantity
-    may be negative, else from 0.
-
-    >>> choose_range(np.array([-1.0, 0.5, np.nan]), "f01"), choose_range(np.array([0.2, 0.5]), "f00")
-    ((-1.0, 1.0), (0.0, 0.5))
-    """
+    """The ends of an axis or a colour scale: 0 to 180 for angles, symmetric where a quantity may be negative, else from
+    0."""
     if quantity in ANGLES:
         return 0.0, 180.0
     largest = float(np.abs(np.nan_to_num(values)).max()) or 1.0  # where nothing is, any scale will do
@@ -139,11 +135,7 @@ def choose_range(values: Array, quantity: str) -> tuple[float, float]:
 
 
 def label_quantity(quantity: str) -> str:
-    """The name of a quantity with its unit.
-
-    >>> label_quantity("f00"), label_quantity("reflectance factor")
-    ('f00 [sr⁻¹]', 'reflectance factor')
-    """
+    """The name of a quantity with its unit."""
     unit = unit_of(quantity)
     return f"{quantity} [{unit}]" if unit else quantity
 
@@ -155,11 +147,8 @@ def describe_incidence(brdf: Brdf, index: int) -> str:
 
 
 def make_triangles(corner: Any) -> Any:
-    """Corners (n, 3) of the triangles of a mesh, two between neighbours; ``corner`` (rings, spokes) numbers its points.
-
-    >>> make_triangles(np.arange(4).reshape(2, 2)).tolist()
-    [[0, 2, 3], [0, 3, 1]]
-    """
+    """Corners (n, 3) of the triangles of a mesh, two between neighbours; ``corner`` (rings, spokes) numbers its
+    points."""
     here, below, beside, across = corner[:-1, :-1], corner[1:, :-1], corner[:-1, 1:], corner[1:, 1:]
     halves = (here, below, across), (here, across, beside)
     return np.concatenate([np.stack(three, axis=-1).reshape(-1, 3) for three in halves])
@@ -227,9 +216,8 @@ def project_points(points: Array) -> tuple[Array, Array]:
 
 
 def lobe(brdf: Brdf, index: int, height: str = "f00", colour: str = DEGREE_LINEAR, stokes: Any = UNPOLARIZED) -> Any:
-    """The lobe of `compute_lobe` as a body to turn around: the distance from the centre is the size of ``height`` over
-    its largest; ``colour`` is cyclic for angles, white at 0 where it may be negative. The light comes in along the red
-    arrow, the mirrored beam is the green one. Raises as `compute_lobe`, MissingExtraError without Plotly."""
+    """The lobe of `compute_lobe` as a body to turn around, its radius the size of ``height`` over the largest; the
+    incident beam red, the mirrored one green. Raises as `compute_lobe`, MissingExtraError."""
     import_plotly()
     shown = compute_lobe(brdf, index, height, colour, stokes, STEP)
     largest, unit = float(shown.radius.max()), unit_of(height)
@@ -293,12 +281,7 @@ def scale(values: Array, colour: str) -> dict[str, Any]:
 
 
 def list_cyclic_colours(angle: Array) -> list[str]:
-    """Colours of angles [degrees], the same at 0 and 180, as "#rrggbb".
-
-    >>> first, last, between = list_cyclic_colours(np.array([0.0, 180.0, 90.0]))
-    >>> first == last, first == between
-    (True, False)
-    """
+    """Colours of angles [degrees], the same at 0 and 180, as "#rrggbb"."""
     colours = import_plotly().colors  # the last of the circle is its first
     circle = np.array([colours.unlabel_rgb(colour) for colour in colours.cyclical.Phase], float)
     index = (angle % 180.0) / 180.0 * (len(circle) - 1)

@@ -470,11 +470,7 @@ def describe_orders(plan: Plan, title: str) -> PlotPanel:
 
 
 def sum_operations_by_order(facts: Mapping[str, Any]) -> dict[str, dict[int, float]]:
-    """Operations by algorithm and order, from `Plan.as_dict`; a block's are shared out evenly over its orders.
-
-    >>> sum_operations_by_order({"blocks": [{"algorithm": "modes", "orders": [0, 1], "operations": 6.0}]})
-    {'modes': {0: 3.0, 1: 3.0}}
-    """
+    """Operations by algorithm and order, from `Plan.as_dict`; a block's are shared out evenly over its orders."""
     found: dict[str, dict[int, float]] = {}
     for block in facts["blocks"]:
         costs = found.setdefault(block["algorithm"], {})

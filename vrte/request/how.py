@@ -42,11 +42,7 @@ BACKENDS = tuple(_BY_LABEL)
 
 
 def find_backend(label: str) -> Backend:
-    """The backend of that label.
-
-    >>> find_backend("opencl").linear_algebra
-    'device'
-    """
+    """The backend of that label."""
     return _BY_LABEL[label]
 
 
@@ -70,9 +66,8 @@ Call = TypeVar("Call", bound=Callable[..., Any])
 
 @dataclass(frozen=True)
 class Option:
-    """An option as users meet it: its default, ``of`` which type, what ``check`` makes of its name and a value or
-    raises SceneError, what is ``allowed`` in words, the line that the command line shows, ``short``, and what
-    docstrings say ``more``; ``choices``, where it is one of some names."""
+    """An option as users meet it: default, type ``of`` it, ``check`` of its name and value, ``allowed`` in words, its
+    line ``short`` on the command line, what docstrings say ``more``, and its ``choices``."""
 
     default: Any
     of: type
@@ -127,15 +122,8 @@ def make_number_option(name: str, most: int) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class How:
-    """All options of a call, checked; None stands for what the user left out, and for its default.
-
-    ``given``: those of NOT_FOR_ALL that the user gave, which a method uses or refuses. Fields are in the order in which
-    `vrte.brdf` and `vrte.radiance` take them. Raises SceneError naming the option, what was given and what is allowed,
-    TypeError for an option that there is not.
-
-    >>> How(nodes=8).accuracy, How(verify=False, backend="sequential").given
-    (1e-08, frozenset({'backend'}))
-    """
+    """All options of a call, checked, None where left out, in the order of `vrte.brdf`; ``given``: those of NOT_FOR_ALL
+    that the user gave. Raises SceneError naming the option, TypeError for one that there is not."""
 
     algorithm: str = make_choice_option("algorithm", "auto", ALGORITHMS)
     verify: bool = make_option("verify", False, bool, check_verify, 'true, false or "photons"')

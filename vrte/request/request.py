@@ -29,11 +29,8 @@ from vrte.scene.scene import Scene
 
 @dataclass(frozen=True, eq=False)
 class Wanted:
-    """What becomes of a solution.
-
-    parts: one array of the result each, indices of its depths (n_level,) and directions (n_mu,); place (n_col,): where
-    a column goes in the result's last axis, shared ones add up; scale (n_in,): factor of each incident direction.
-    """
+    """What becomes of a solution: ``parts``, indices of depths (n_level,) and directions (n_mu,) of each array of the
+    result; ``place`` (n_col,) of a column in its last axis, shared ones add up; ``scale`` (n_in,)."""
 
     parts: Sequence[tuple[IntArray, IntArray]]
     place: IntArray

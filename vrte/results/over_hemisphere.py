@@ -19,13 +19,8 @@ HOLE = 25.0  # [degrees] from the normal, where the first mu_o is no nearer to i
 
 
 def stokes_over_hemisphere(brdf: Brdf, place: int, theta: Array, phi: Array, incident: Any = (1, 0, 0, 0)) -> Array:
-    """Stokes vectors (n_theta, n_phi, 4) [1/sr] that leave at angles theta (n_theta,) from the normal and azimuths phi
-    (n_phi,) [degrees] under light (4,) along ``brdf.mu_i[place]``.
-
-    Splines run through the given directions: periodic in azimuth, and over the pole along great circles. NaN nearer to
-    the horizon than the last mu_o, and around the normal where no mu_o is within 25 degrees of it. At the pole the
-    meridian plane, and with it Q and U, is that of each phi.
-    """
+    """Stokes vectors (n_theta, n_phi, 4) [1/sr] at angles theta and azimuths phi [degrees] under light (4,) along
+    ``brdf.mu_i[place]``, by splines over the pole; NaN beyond the last mu_o, and within a hole of 25 degrees."""
     place = check_whole("place", place, 0, brdf.mu_i.size - 1)
     theta, phi = check_vector("theta", theta), check_vector("phi", phi)
     light = check_vector("incident", incident)
@@ -92,11 +87,8 @@ def _count_steps(length: float, most: float) -> int:
 
 
 def between_angles(angle: Array, stokes: Array, times: int = 8) -> tuple[Array, Array]:
-    """Ascending angles [degrees] ``times`` as dense as those given, and Stokes vectors (m, 4) there.
-
-    Each parameter is a monotone cubic, which never overshoots. Fewer than 3 angles, and light that is not finite, come
-    back as they are, in ascending order.
-    """
+    """Ascending angles [degrees] ``times`` as dense, and Stokes vectors (m, 4) there, by monotone cubics; fewer than 3
+    angles, and light that is not finite, stay as they are."""
     from scipy.interpolate import PchipInterpolator
 
     angle, stokes = check_vector("angle", angle), check_numbers("stokes", stokes)

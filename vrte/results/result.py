@@ -29,11 +29,8 @@ class Labelled:
         return type(self), tuple(getattr(self, field.name) for field in fields(self))  # type: ignore[arg-type]
 
     def _freeze(self, shapes: dict[str, tuple[int, ...]]) -> None:
-        """Replaces the named arrays by read-only ones, and ``diagnostics`` by a copy.
-
-        Arrays that are read-only already, all the way down, are taken as they are: a large table would be copied
-        twice. Raises SceneError for an array that has not the shape given.
-        """
+        """Replaces the named arrays by read-only ones, copied where they are not, and ``diagnostics`` by a copy. Raises
+        SceneError for an array that has not the shape given."""
         for name, shape in shapes.items():
             given = getattr(self, name)
             array = given if is_readonly(given) else freeze_copy(given)
@@ -97,11 +94,7 @@ def describe_error(diagnostics: Mapping[str, Any]) -> str:
 
 
 def describe_derivatives(jacobian: dict[str, Any] | None) -> str:
-    """The number of derivatives, for a result's text.
-
-    >>> describe_derivatives({"base.albedo": 1.0})
-    ', 1 derivative'
-    """
+    """The number of derivatives, for a result's text."""
     count = len(jacobian or {})
     return f", {count} derivative{'s'[: count > 1]}" if count else ""
 
@@ -111,11 +104,8 @@ NO_LIGHT = 1e-290  # per unit of incident light: below, numbers lose digits
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Radiance for each incident Stokes column, and fluxes.
-
-    parts: one array (n_level, n_in, n_mu, n_phi, 4, n_place) for each that was wanted, diffuse, public frame; flux_up,
-    flux_down (n_tau, n_in, n_col).
-    """
+    """Diffuse radiance of each wanted part (n_level, n_in, n_mu, n_phi, 4, n_place), public frame, and fluxes (n_tau,
+    n_in, n_col)."""
 
     parts: list[Array]
     flux_up: Array

@@ -41,9 +41,8 @@ class ConvergenceError(AccuracyError):
 def integrate_orders(
     sample: Sample, mu_i: Array, mu_o: Array, pairs: BoolArray, n_order: int, allowed: Allowed
 ) -> Orders:
-    """R^m of (1:35), the integral of f with cos, sin(m phi), (order, in, out, S, S), and the most azimuths of a pair:
-    twice as many until they change a pair by no more than it may be off; where that hardly helps f is not smooth, and
-    integrated in pieces. Raises ConvergenceError where MOST_SAMPLES are too few."""
+    """R^m of (1:35), the integral of f with cos, sin(m phi), (order, in, out, S, S), and the most azimuths of a pair,
+    doubled until they converge, or in pieces. Raises ConvergenceError beyond MOST_SAMPLES."""
     here, there = np.nonzero(pairs)
     into, out = mu_i[here], mu_o[there]
     azimuths = FEWEST_AZIMUTHS

@@ -154,9 +154,9 @@ class Boundary:
         return np.zeros((1, 1))
 
     def reflect_orders(self, mu_i: Array, mu_o: Array, pairs: BoolArray, n_order: int, allowed: Allowed) -> Orders:
-        """Fourier orders R^m (order, n_in, n_out, 4, 4) of the reflection of diffuse light, (1:35), and how many
-        azimuths they took: for the ``pairs`` (n_in, n_out) of positive cosines, up to ``n_order`` orders, the others
-        being dark; ``allowed`` says how far each may be off, of the size of the light that is reflected."""
+        """Fourier orders R^m (order, n_in, n_out, 4, 4) of diffuse reflection, (1:35), below ``n_order``, for the
+        ``pairs`` (n_in, n_out) of positive cosines, each off by ``allowed`` at most; and the number of azimuths they
+        took."""
         return np.zeros((0, mu_i.size, mu_o.size, 4, 4)), 0
 
     def put_in_medium(self, index: float) -> "Boundary":

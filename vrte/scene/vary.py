@@ -105,9 +105,8 @@ class Variation:
 
 @dataclass(frozen=True, eq=False)
 class Filling:
-    """What `vrte.Layer.of` makes a layer of, or what that changes by with a number: ``shares`` (kinds,) by number or by
-    volume; cross sections [um2], volumes [um3] (kinds,) and coefficients (kinds, terms, 6); ``absorption`` of the host
-    [1/um]; ``fraction`` of the volume, 0 where it plays no part; ``extent``: optical thickness, or [um]."""
+    """What `vrte.Layer.of` makes a layer of, or its change: ``shares`` (kinds,), cross sections [um2], volumes [um3],
+    coefficients (kinds, terms, 6), host ``absorption`` [1/um], ``fraction`` of volume, ``extent`` (optical or [um])."""
 
     shares: Array
     extinction: Array

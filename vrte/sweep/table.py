@@ -66,11 +66,7 @@ class Grid:
 
 
 def cut_grid(shape: tuple[int, ...], most: int) -> Grid:
-    """Boxes of at most ``most`` scenes, whole along the last dimensions, evenly cut along the one before.
-
-    >>> cut_grid((3, 10), 4).box, cut_grid((3, 10), 20).box
-    ((1, 4), (2, 10))
-    """
+    """Boxes of at most ``most`` scenes, whole along the last dimensions, evenly cut along the one before."""
     box = [1] * len(shape)
     room = most
     for index in reversed(range(len(shape))):
@@ -81,11 +77,7 @@ def cut_grid(shape: tuple[int, ...], most: int) -> Grid:
 
 
 def choose_chunk_size(count: int, bytes_of_a_scene: int) -> int:
-    """Scenes of a chunk: enough chunks to share, none too large, and not a file for each of very many scenes.
-
-    >>> choose_chunk_size(200, 1000), choose_chunk_size(1_000_000, 1000), choose_chunk_size(1_000_000, 20_000_000)
-    (7, 64, 1)
-    """
+    """Scenes of a chunk: enough chunks to share, none too large, and not a file for each of very many scenes."""
     return max(1, min(MOST_AT_ONCE, -(-count // PIECES), int(LARGEST_CHUNK // bytes_of_a_scene)))
 
 

@@ -20,9 +20,8 @@ ANGLES_A_TERM = 8  # at which a phase function's extremes are looked for
 
 @dataclass(frozen=True)
 class Rule:
-    """A row: the method taken where all QUANTITIES keep to their limits, the extremes included. ``why``, for
-    ``diagnostics["method_rule"]``; ``evidence``: (scene, curve, setting, accuracy): runs of the report that were good
-    enough for the accuracy, and quicker than the exact method that looks for its nodes itself."""
+    """A row: the method taken where all QUANTITIES keep to their limits, ``why``, and ``evidence``: runs (scene, curve,
+    setting, accuracy) of the report that were good enough and quicker than the exact method."""
 
     name: str
     method: str
@@ -69,24 +68,15 @@ def find_rule(request: Request) -> tuple[int, Rule]:
 
 
 def count_special_wishes(request: Request) -> float:
-    """How many things are asked for besides scene, directions and accuracy, or lie beyond what rules were tried on:
-    nodes as directions, a base that is no Lambertian one, surfaces, flakes, an algorithm, a truncation, a check, a
-    device."""
+    """The number of things asked for besides scene, directions and accuracy, or beyond what rules were tried on."""
     scene, chosen = request.scene, (request.algorithm != "auto", request.truncation != "auto")
     bases = request.mu is None, scene.below.orders_reflected > 1, scene.keeps_beams, scene.has_flakes
     return float(sum((*chosen, *bases, request.verify, request.backend.needs_device)))
 
 
 def bound_multiple_scattering(request: Request) -> float:
-    """A bound on what is scattered more than once, over what is scattered once into the same direction, over the
-    accuracy; infinite where there is none, and any number above 1 where it is above 1.
-
-    Light scattered inside a layer is scattered again with z = omega p_max L at most, p the phase function with mean 1
-    and L <= 1 - E_2(tau/2) the mean over directions of 1 - e^(-way). All orders but the first together are sources of
-    at most omega p_max F/(4 pi) z/(1 - z). The first is at least omega p_min F/(4 pi) e^(-tau/mu0); seen from the top,
-    it passes mu0/(mu0 + mu) of what a source without attenuation would. Under natural light no Q, U, V is more than I;
-    polarized light that polarizing particles scatter once can be arbitrarily faint.
-    """
+    """A bound on light scattered more than once over that scattered once into the same direction, over the accuracy:
+    omega p_max z/(1 - z) over p_min e^(-tau/mu0) mu0/(mu0 + mu), z = omega p_max (1 - E_2(tau/2))."""
     scene, layer = request.scene, request.scene.layers[0]
     if len(scene.layers) > 1 or (scene.below.orders_reflected > 0):
         return math.inf

@@ -107,10 +107,8 @@ class Task:
     def sum_orders(
         self, problem: Problem, kernels: Array | None = None, spread: bool | BoolArray = False
     ) -> list[Array]:
-        """The radiance of every part of what is wanted: Fourier orders, single scattering and the beam that the base
-        reflects; ``spread``, True or (n_mu,): there one scattering of the beam as it spreads by small angles stands for
-        single scattering. kernels (order, n_tau, n_in, n_col, n_out, 4): multiply scattered light of orders 0, 1, ...
-        for a unit beam in the public frame, light going up first."""
+        """The radiance of every wanted part: Fourier orders of kernels (order, n_tau, n_in, n_col, n_out, 4), single
+        scattering, beams off the base; ``spread`` (n_mu,): where small angles stand for single scattering."""
         lights = []
         if kernels is not None:
             orders, columns = (np.arange(kernels.shape[axis], dtype=np.int32) for axis in (0, 3))
@@ -167,13 +165,8 @@ class Setting:
 
 @dataclass(frozen=True)
 class Method:
-    """purpose and conserves: words for the table of methods; source: paper and equations; conserves_energy: whether
-    fluxes balance to rounding where nothing absorbs, which is tested.
-
-    What it takes: polarization (of phase matrices and light), base, interfaces, depths (other than the faces),
-    semi-infinite layers, oriented flakes, devices, options of the call. What takes an "accuracy" solves the discrete
-    problem to it, on nodes chosen for it, ``finest`` at best. ``operations`` of a task are right to a factor of 3, None
-    where closed forms are a matter of seconds whatever is asked."""
+    """A method: what it takes, words and source for the table of methods, whether it conserves energy to rounding;
+    ``finest`` of its accuracies, ``operations`` of a task (factor 3; None: seconds at most)."""
 
     name: str
     solve: Callable[[Task], Answer]

@@ -92,10 +92,8 @@ def has_converged(differences: dict[int, float], error: float, accuracy: float) 
 
 
 def estimate_error(differences: dict[int, float], scene: Scene) -> float:
-    """The error of the finest count: the last difference, which is the error of the count before. Without thin layers
-    or surfaces errors fall steadily: the difference is multiplied by the root of its ratio to the one before, as if
-    errors fell half as fast, on a logarithmic scale, as they did. Elsewhere it is a tenth of the difference before at
-    least, since two counts may agree by chance."""
+    """The error of the finest count: the last difference times the root of its ratio to the one before, where errors
+    fall steadily, else a tenth of the one before at least: two counts may agree by chance."""
     before, last = [np.inf, np.inf, *differences.values()][-2:]
     thinnest = min(find_scattering_thickness(scene).values(), default=np.inf)
     if scene.keeps_beams or scene.is_rough:

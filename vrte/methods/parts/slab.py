@@ -271,11 +271,8 @@ def join_slabs(task: Task, respond: Responder) -> tuple[Array, Fluxes]:
 
 
 def make_thin_slab(on_nodes: OnNodes, scattered: Scattered, tau: float, points: int) -> Slab:
-    """R and T of a thin layer, error of order tau^(2 points) of what is doubled from it.
-
-    ``points`` 0: single scattering, (2:24)-(2:26), an error of order tau; otherwise the source function of light that
-    was scattered before is a polynomial through that many Gauss depths, solved for, and single scattering stays exact.
-    """
+    """R and T of a thin layer, to order tau^(2 points) of what is doubled from it, by a source function through Gauss
+    depths; points 0: single scattering alone, (2:24)-(2:26)."""
     z, beam = tau / on_nodes.rows[:, None], tau / on_nodes.columns
     R, T = scattered.back * tau * integrate_once_back(z, beam), scattered.ahead * tau * integrate_once_ahead(z, beam)
     if points:
@@ -444,9 +441,8 @@ def solve_shifted(matrix: Array, shifts: Array, given: Array) -> Array:
 
 
 def solve_riccati(A: Array, B: Array, C: Array, D: Array) -> tuple[Array, int]:
-    """The smallest solution of X C X - X D - A X + B = 0, and how many doublings it took: structure-preserving
-    doubling, Guo, Lin and Xu, Numer. Math. 103, 393 (2006), with the shift of Guo, Iannazzo and Meini, SIAM J. Matrix
-    Anal. Appl. 29, 1083 (2007). Raises AccuracyError where it does not converge."""
+    """The smallest solution of X C X - X D - A X + B = 0 and its doublings: Guo, Lin and Xu, Numer. Math. 103, 393
+    (2006), shift of Guo, Iannazzo and Meini, SIAM J. Matrix Anal. Appl. 29, 1083 (2007). Raises AccuracyError."""
     one = np.eye(len(A))
     gamma = max(float(np.diag(A).max()), float(np.diag(D).max()))
     A_g, D_g = A + gamma * one, D + gamma * one

@@ -235,9 +235,5 @@ def measure_page_error(table: "xarray.Dataset", sweep: Sweep, points: int, seed:
 
 
 def is_between(values: Array) -> bool:
-    """Whether the page goes between the values of an axis: where it has enough of them for a cubic.
-
-    >>> is_between(np.arange(4.0)), is_between(np.arange(3.0))
-    (True, False)
-    """
+    """Whether the page goes between the values of an axis: where it has enough of them for a cubic."""
     return values.size > DEGREE
