@@ -135,8 +135,7 @@ def check_in_view(receptor: Receptor, angle_deg: float) -> None:
 
 
 def project_solid_angle(receptor: Receptor, angle_deg: float) -> float:
-    """The integral [sr] of cos(theta) over a receptor whose axis is ``angle_deg`` from the normal: the flux that it
-    gets of radiance 1. Raises SceneError where the receptor reaches below the horizon."""
+    """The integral [sr] of cos(theta) over a receptor at ``angle_deg``. Raises SceneError below the horizon."""
     check_in_view(receptor, angle_deg)
     s, t, weights = make_rule(receptor, AXIS, EVEN, 2 * POINTS)
     direction, density = receptor.aim(s, t)
@@ -391,8 +390,7 @@ def see_fields(fields: Sequence[Field]) -> Seen:
 
 
 def find_light(seen: Seen, geometry: Any) -> Array:
-    """Stokes vectors (wavelength, 4) seen in a bidirectional geometry, pi radiance over irradiance. Raises SceneError
-    for another geometry, and for directions that are not there."""
+    """Stokes vectors (wavelength, 4) of a bidirectional geometry, pi radiance over irradiance. Raises SceneError."""
     known = read_geometry(geometry)
     if known.angle_o is None:
         raise SceneError.of("geometry", f"{known.name!r} collects light from all sides, which has no polarization here")
@@ -468,8 +466,7 @@ def measure_panel(panel: Panel, geometry: Any, progress: Progress | None = None)
 
 
 def choose_way(geometry: Any) -> Geometry:
-    """The geometry, or that with light and eye exchanged, which reads the same, where the eye looks along the normal:
-    unpolarized light along the normal takes one Fourier order."""
+    """The geometry, or its reverse, which reads the same, where the eye looks along the normal: one Fourier order."""
     known = read_geometry(geometry)
     return replace(known, angle_i=known.angle_o, angle_o=known.angle_i) if known.angle_o == 0.0 else known
 

@@ -102,8 +102,8 @@ class Conditions:
 
 @dataclass(eq=False)
 class Drawdown:
-    """The film of a panel over cards, at any thickness over its own, each solved for once. The nodes of all solves are
-    chosen at first, where neither they nor the method are given. Raises SceneError."""
+    """The film of a panel over cards at thicknesses over its own, on nodes that are chosen at first. Raises
+    SceneError."""
 
     panel: Panel
     conditions: Conditions
@@ -333,8 +333,7 @@ def find_contrast(panel: Panel, conditions: Conditions | None = None, progress: 
 
 
 def find_hiding(panel: Panel, conditions: Conditions | None = None, progress: Progress | None = None) -> Hiding:
-    """How well a panel's film hides black and white cards, and the thickness, to 1e-3 of itself, of the contrast ratio
-    that counts as hidden; the number of solves that ``progress`` gets is a guess until the end."""
+    """How well a panel's film hides cards, and the thickness, to 1e-3, of the contrast ratio that counts as hidden."""
     thickness = max(scene.layers[panel.film].extent for scene in panel.scenes)
     if not 0.0 < thickness < math.inf:
         how = "semi-infinite, and hides everything" if thickness > 0.0 else "without thickness"

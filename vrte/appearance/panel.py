@@ -89,8 +89,7 @@ class Panel:
         return replace(self, wavelength_um=self.wavelength_um[list(indices)], scenes=scenes)
 
     def choose_quadrature(self, mu_i: Any, mu_o: Any = 1.0, phi: Any = 0.0) -> dict[str, int]:
-        """The options nodes and grading of `vrte.brdf` that the accuracy takes for unpolarized light along some
-        directions: the most of the first, a middle and the last wavelength. Raises SceneError."""
+        """Options nodes and grading that the accuracy takes: the most of three wavelengths. Raises SceneError."""
         return find_finest_nodes(self.pick(self.ends_and_middle).light(mu_i, mu_o, phi))
 
     def join(self, others: Sequence["Panel"]) -> "Panel":

@@ -99,8 +99,7 @@ class KubelkaMunk:
         return find_length(self.panel)
 
     def predict(self, length: Any, base: Any = 0.0) -> Array:
-        """The reflectance (n,) above the surface that K and S predict of a film [um, or films] over a Lambertian
-        base."""
+        """The reflectance (n,) above the surface that K and S predict of a film [um, or films] over a base."""
         return km.add_surface(km.reflect_film(self.K, self.S, length, base), self.k1, self.k2)
 
     @cached_property
@@ -114,8 +113,7 @@ class KubelkaMunk:
 
     @property
     def diffusion(self) -> tuple[Array, Array]:
-        """K and S, (n,) each, by which two fluxes decay as diffuse light does: twice the absorption, and 3/4 of the
-        reduced scattering less 1/4 of the absorption; S < 0 where light does not diffuse at all."""
+        """K and S (n,) of diffusion: twice the absorption, 3/4 of the reduced scattering less 1/4 of the absorption."""
         absorbed, turned = self.transport
         return 2.0 * absorbed, 0.75 * turned - 0.25 * absorbed
 
@@ -140,8 +138,7 @@ class KubelkaMunk:
         return TwoFluxErrors(wanted, self.wavelength_um, self.unit, exact, found)
 
     def plot(self, lengths: Any = None, progress: Progress | None = None) -> Figure:
-        """A figure of `compare`: reflectances and their errors against thickness, also as colours, and K and S beside
-        those of diffusion; ``lengths``: by default from an eighth of the film's own to eight times."""
+        """A figure of `compare`, of its colours, and of K and S, by default from an eighth to eight times the film."""
         return view(self, "plot", lengths, progress)
 
     def __str__(self) -> str:
@@ -284,8 +281,8 @@ def find_beams(geometry: Geometry) -> tuple[Array, Array]:
 
 
 def find_even_share(surface: Interface) -> float:
-    """What a surface sends back of even light from below it, r_i: of smooth ones, by r_i = 1 - (1 - r_e)/n^2 where it
-    is denser below, since totally reflected light has a corner that no quadrature likes."""
+    """What a surface sends back of even light from below it, r_i, by 1 - (1 - r_e)/n^2 where smooth and denser
+    below."""
     mu, weights = hemisphere(FINE)
     ratio = surface.index_below / surface.index_above
     if surface.is_smooth and ratio > 1.0:

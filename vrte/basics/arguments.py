@@ -230,8 +230,7 @@ def show_given(name: str, value: Any) -> str:
 
 
 def open_front_door(module: ModuleType, names: Iterable[str], inner: Iterable[str] = ()) -> None:
-    """Checks the arguments of the functions, of the classes with their public methods, and of the modules that a module
-    has by these names; ``inner``: methods that are called from within alone."""
+    """Checks arguments of a module's functions, classes and modules of these names; ``inner``: methods left out."""
     for name in names:
         given = getattr(module, name)
         if isinstance(given, ModuleType):

@@ -137,8 +137,7 @@ def _evaluate_legendre(degree: int, angle: Array) -> tuple[Array, Array]:
 
 
 def make_double_gauss(nodes: int, grading: int = 1) -> tuple[Array, Array]:
-    """Nodes mu in (0, 1), ascending, and their weights (they sum to 1), each (nodes,), of (1:15); graded ones, mu =
-    x^grading of Gauss's x, crowd at the horizon, where light varies as e^(-tau/mu) and mu log(mu)."""
+    """Nodes mu in (0, 1), ascending, and weights of sum 1, (nodes,) each, (1:15); mu = x^grading of Gauss's x."""
     x, weights = find_gauss_legendre(nodes)
     x, weights = 0.5 * (x + 1.0), 0.5 * weights
     return (x, weights) if grading == 1 else (x**grading, weights * grading * x ** (grading - 1))

@@ -60,8 +60,8 @@ def choose_degree(grid: Array, degree: int) -> int:
 def repeat_grid(
     grid: Array, period: float = 2.0 * np.pi, low: float = 0.0, high: float = np.inf, margin: int = MARGIN
 ) -> tuple[Array, NDArray[np.intp]]:
-    """The points of one period, ascending from 0 on, between ``low`` and ``high``, by default once around, and
-    ``margin`` more at each end; and which of ``grid`` (n,) each is."""
+    """A period's points from ``low`` to ``high`` and ``margin`` more at each end, and which of ``grid`` (n,) each
+    is."""
     turns = -(-margin // grid.size) + 1
     count = np.arange(-turns * grid.size, (turns + 1) * grid.size + 1)
     going_on = grid[count % grid.size] + period * (count // grid.size)
@@ -95,15 +95,14 @@ def extend_azimuths(
 def extend_over_pole(
     theta: Array, here: Array, opposite: Array, axis: int = 0, margin: int = MARGIN
 ) -> tuple[Array, Array]:
-    """Angles from the normal (m,) and values along great circles: half a turn away, where values are ``opposite``, the
-    angle is negative. ``theta`` (n,) ascends; values have it as their ``axis``."""
+    """Angles (m,) and values along great circles, ``opposite`` at angles below 0; ``theta`` (n,) ascends on
+    ``axis``."""
     behind = np.flatnonzero(theta > POLE)[:margin][::-1]  # the pole itself counts once
     return np.concatenate([-theta[behind], theta]), np.concatenate([opposite.take(behind, axis), here], axis)
 
 
 def extend_over_horizon(s: Array, values: Array, axis: int = 0, margin: int = MARGIN) -> tuple[Array, Array]:
-    """Variables (m,) of `stretch_cosines` and values beyond the horizon, s = 1, whose mirror image they are: even in 1
-    - s. ``s`` (n,) ascends, from wherever, to 1 or below; ``values`` have it as their ``axis``."""
+    """Variables (m,) of `stretch_cosines` and values, mirrored at the horizon s = 1; ``s`` (n,) ascends on ``axis``."""
     there = np.flatnonzero(s < 1.0 - POLE)[-margin:][::-1]
     return np.concatenate([s, 2.0 - s[there]]), np.concatenate([values, values.take(there, axis)], axis)
 

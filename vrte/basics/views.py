@@ -35,8 +35,7 @@ VIEWS: dict[tuple[str, str], str] = {  # of class and verb: what is called with 
 
 
 def view(shown: Any, verb: str, *arguments: Any) -> Any:
-    """What the function finds that VIEWS names for a verb of the object's class or of a base class; rows can be changed
-    or added, ``VIEWS["Brdf", "plot"] = "my_module:my_figure"``. Raises LookupError without a row."""
+    """What the function finds that VIEWS has for a verb of the object's class or a base class. Raises LookupError."""
     for kind in type(shown).__mro__:
         if row := VIEWS.get((kind.__name__, verb)):
             return resolve_name(row)(shown, *arguments)

@@ -142,8 +142,8 @@ def gather_arrays(request: Request, solution: Solution) -> dict[str, Array]:
 
 
 def find_beams(request: Request) -> dict[str, Array]:
-    """The fraction (n_in,) of light that gets through as a beam, and Mueller matrices (n_in, 4, 4) of the beams that
-    are mirrored, and of those that get through where light is turned on its way, 0 elsewhere."""
+    """The share (n_in,) that gets through as a beam; Mueller matrices (n_in, 4, 4) of beams mirrored and let
+    through."""
     scene, into = request.scene, request.mu0
     direct = np.zeros((2, into.size, 2, 4, 4))
     through = np.exp(-scene.thickness / into)

@@ -223,8 +223,7 @@ _share: ContextVar[Share | None] = ContextVar("cores", default=None)
 
 @contextmanager
 def share_cores(share: Share) -> Iterator[None]:
-    """Within it, what runs side by side has so many cores: for one of several threads at work, whose time was
-    predicted."""
+    """Within it, what runs side by side has so many cores: for one of several threads at work."""
     before = _share.set(share)
     try:
         yield
@@ -272,8 +271,7 @@ def run_side_by_side(
 
 
 def solve_side_by_side(requests: Sequence[Request], progress: Progress | None = None) -> list[Any]:
-    """A Brdf or a Field, by their kind, of requests of one thread each that differ in their scenes alone, their methods
-    named: scenes that are alike together; the user was warned of their time."""
+    """Brdfs or Fields of requests of one thread each that differ in their scenes alone; alike ones are batched."""
     share = _share.get()
     stop = share.stop if share else np.zeros(1, np.int32)
     cores = share.cores if share else count_usable_cpus()

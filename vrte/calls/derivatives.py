@@ -47,8 +47,7 @@ def differentiate_once(plan: Plan, variation: Variation, run: Run, progress: Pro
 def differentiate_beams(
     request: Request, variation: Variation, find: Callable[[Request], dict[str, Array]], here: dict[str, Array]
 ) -> dict[str, Array]:
-    """The derivatives of light that meets no particle, arrays that ``find`` has of a request of another scene and
-    ``here`` of this one: what does not change then cancels to the last digit."""
+    """Derivatives of light that meets no particle, arrays that ``find`` has of a request, and ``here`` of this one."""
     total = {name: np.zeros_like(values) for name, values in here.items()}
     mirrors = any(boundary.keeps_beams for weight, boundary in variation.base if weight)
     if not (variation.thickness.any() or variation.is_outside or mirrors):
@@ -72,8 +71,7 @@ def sample_scenes(request: Request, variation: Variation, beams: bool = False) -
 
 
 def find_whole_step(request: Request, variation: Variation) -> float:
-    """How far to go with the number itself: a small share of it, of what two media that it moves differ by, and of what
-    bends the flattest direction's light along a medium that it moves."""
+    """The step of the number itself: a small part of it, and of differences and bends of the media that it moves."""
     assert variation.scene_at is not None
     step = STEP * (abs(variation.value) or 1.0)
     media = np.array(request.scene.media)
@@ -189,8 +187,8 @@ def read_derivatives(scene: Scene, derivatives: Derivatives) -> list[Variation]:
 
 
 def find_fault(scene: Scene, variation: Variation) -> str:
-    """Why there is no such derivative of a scene, otherwise empty: of a semi-infinite layer, with its thickness, and
-    with its albedo where it absorbs nothing: light goes with the root of what is absorbed."""
+    """Why there is no such derivative of a scene, "" where there is: thickness or white albedo of a semi-infinite
+    one."""
     last, of = scene.layers[-1], variation.thickness.size
     if of != len(scene.layers):
         return f"it is of {of} layers, and the scene has {len(scene.layers)}"

@@ -26,8 +26,7 @@ STOKES = "IQUV"
 
 
 def note_photons(request: Request, progress: Progress | None = None) -> dict[str, Any]:
-    """The entry "photons" of diagnostics, where asked for: the largest difference of I, Q, U and V in standard errors,
-    with a warning beyond MOST; ``progress`` is of photons alone."""
+    """The entry "photons" of diagnostics: largest differences of I, Q, U, V in standard errors; warns beyond MOST."""
     if not request.by_photons:
         return {}
     start = time.perf_counter()

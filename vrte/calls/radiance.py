@@ -104,8 +104,7 @@ def make_field(
     alone: bool = False,
     progress: Progress | None = None,
 ) -> Field:
-    """The field of a solution and its derivatives, of all beams, or of one ``alone``, without their axis; ``progress``
-    of the photons that verify it."""
+    """The field of a solution and its derivatives; ``alone``: without the axis of beams; ``progress`` of photons."""
     warn_of_negative(request, solution.parts[0].swapaxes(0, 1)[..., 0, 0], solution.diagnostics)
     index = None
     if request.scene.keeps_beams:

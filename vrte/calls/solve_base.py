@@ -92,8 +92,7 @@ def solve_base(scene: Scene, accuracy: float = 1e-6, **asked: Any) -> TabulatedB
 
 
 def split_checked(found: Brdf, cosines: int, azimuths: int) -> tuple[TabulatedBase, float, float]:
-    """The table of the first cosines and azimuths, and how far it is off at the other cosines, and at other azimuths
-    from its own cosines above CHECKED_FROM, of the largest f_00."""
+    """The table of the first cosines and azimuths, and how far it is off at the others, of the largest f_00."""
     mu, phi, own = found.mu_i[:cosines], found.phi[:azimuths], found.mueller[:cosines, :cosines]
     specular = None if found.specular is None else found.specular[:cosines]
     with warnings.catch_warnings():

@@ -210,8 +210,7 @@ def read_wavelengths(text: str) -> list[float]:
 
 
 def carry_out(options: argparse.Namespace) -> None:
-    """Runs a command: first its options are checked, then where its files go, before any work is done; complaints begin
-    with the name of the file that it reads. Raises SceneError, MissingExtraError."""
+    """Runs a command, its options and outputs checked first; complaints begin with its file. Raises SceneError."""
     given = vars(options)
     if given.get("check"):
         options.check(options)
@@ -322,8 +321,7 @@ STUDIES = ("tables", "report", "stability", "benchmarks", "cost")  # targets of 
 
 
 def make_parser(arguments: Sequence[str] | None = None) -> Parser:
-    """The parser of the command line: with the arguments of all commands, or of that alone which the words typed
-    name."""
+    """The parser of the command line, with the arguments of all commands, or of the one that the words typed name."""
     parser = Parser(prog="vrte", description="Polarized subsurface reflectance of particulate layers.")
     parser.examples, parser.heading = TOUR, "a short tour"
     parser.set_defaults(run=None)

@@ -165,8 +165,7 @@ HOW = tuple(name for name in OPTIONS if name != "settings")  # options that win 
 
 
 def read_setting(text: str) -> tuple[str, Any]:
-    """Name and value of a method's setting, "orders=3" or "boundary=mark": a number where it is one, otherwise a
-    word."""
+    """Name and value of a method's setting, "orders=3" or "boundary=mark": a number where it is one."""
     name, sign, value = text.partition("=")
     if not (name and sign):
         raise argparse.ArgumentTypeError(f"must be NAME=VALUE, not {text!r}")

@@ -44,8 +44,7 @@ def check_file(path: PathName) -> str:
 
 
 def read_text(path: PathName, most: int) -> str:
-    """The text of a file in UTF-8, with or without a byte-order mark, of at most ``most`` bytes. Raises SceneError for
-    anything else, and for a table of vrte's that is not as it was written; OSError."""
+    """The text of a file in UTF-8 of at most ``most`` bytes, as it was written. Raises SceneError, OSError."""
     with open(check_file_name(path), "rb") as file:
         content = file.read(most + 1)
     if len(content) > most:
@@ -74,8 +73,7 @@ def read_blocks(file: BinaryIO, size: float = math.inf) -> Iterator[bytes]:
 
 
 def is_sealed(path: str) -> bool:
-    """Whether a file ends in a checksum, which HDF5 removes when it changes a file. Raises SceneError where it does not
-    fit, OSError."""
+    """Whether a file ends in a checksum, which changes by HDF5 remove. Raises SceneError where it is wrong, OSError."""
     size = os.path.getsize(path) - LENGTH
     with open(path, "rb") as file:
         file.seek(max(size, 0))
@@ -136,8 +134,7 @@ def write_text(text: str, path: PathName) -> None:
 
 @contextmanager
 def write_sealed_text(path: PathName) -> Iterator[TextIO]:
-    """A text file in UTF-8 to write to, whose first line becomes a comment with the checksum of all others. Raises as
-    `write_atomically`."""
+    """A text file in UTF-8 to write to, behind a comment with its checksum. Raises as `write_atomically`."""
     head = len(COMMENT) + LENGTH
     with write_atomically(path) as part:
         with open(part, "w", encoding="utf-8", newline="") as file:

@@ -163,8 +163,7 @@ def convert_axes(fields: Mapping[str, NDArray[Any]]) -> Axes:
 
 
 def average_images(table: Array, phi_d: Array, average_mirrored: bool) -> Array:
-    """The mean of a table (phi_d, theta_d, theta_h, 4, 4) and its mirror image, phi_d turned over. Raises SceneError
-    where they differ by more than single precision does, or phi_d is not its own mirror image."""
+    """The mean of a table (phi_d, theta_d, theta_h, 4, 4) and its mirror image. Raises SceneError where they differ."""
     if np.abs(phi_d + phi_d[::-1]).max() > END:
         raise SceneError("its field phi_d must have -phi_d for each of its angles")
     image = table[::-1] * MIRROR

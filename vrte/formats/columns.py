@@ -30,8 +30,7 @@ CONTROLS = re.compile("[\x00-\x08\x0e-\x19\x1b-\x1f]")
 
 
 def read_any_text(path: PathName, most_bytes: int) -> tuple[str, str]:
-    """The text of a table's file and its encoding: UTF-8, UTF-16, or Windows' of western Europe. Raises SceneError for
-    a file that is no text, or too long, or not as vrte wrote it; OSError."""
+    """The text of a file in UTF-8, UTF-16 or Windows-1252, and its encoding. Raises SceneError for none, OSError."""
     with open(check_file(path), "rb") as file:
         content = file.read(most_bytes + 1)
     if len(content) > most_bytes:

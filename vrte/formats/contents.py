@@ -189,8 +189,7 @@ def read_kind(texts: Mapping[str, str]) -> tuple[Kind, list[str]]:
 
 
 def restore_result(texts: Mapping[str, str], arrays: Mapping[str, Any]) -> Result:
-    """The result that has the texts of `describe_result` and these arrays. Raises SceneError where they do not fit
-    together, another of MEANINGLESS where something is missing or not what it should be."""
+    """The result of the texts of `describe_result` and arrays. Raises SceneError or another of MEANINGLESS."""
     (kind, names), diagnostics = read_kind(texts), json.loads(texts["diagnostics"])
     if kind is SPECTRUM:
         if len(diagnostics) != len(arrays["wavelength_um"]):
@@ -223,8 +222,7 @@ def check_size(size: float, most_bytes: float) -> None:
 
 
 def to_xarray(result: Result) -> "xarray.Dataset":
-    """A labelled copy of ``result``, every variable with ``units`` and ``long_name``. Raises MissingExtraError without
-    xarray."""
+    """A labelled copy of ``result``, each variable with ``units`` and ``long_name``. Raises MissingExtraError."""
     xarray = import_extra("xarray", LABELLED, "files")
     kind, arrays = find_kind(result), collect_arrays(result)
     about = {name: (of.dims, arrays[name], of.attributes) for name, of in kind.arrays.items() if name in arrays}

@@ -70,8 +70,7 @@ def split_lines(text: str, separator: str) -> Split:
 
 
 def find_longest(lines: Split) -> tuple[int, int, int]:
-    """The longest run of lines with equally many cells, most of them numbers: how many more numbers than words it has,
-    and its first and last index, the latter exclusive."""
+    """Weight (numbers less words), first and end index of the longest run of lines with equally many cells."""
     best, start = (0, 0, 0), 0
     weights = [0 if line.lstrip().startswith(COMMENTS) else count_numbers(cells) for _, line, cells in lines]
     for end in range(1, len(lines) + 1):
@@ -83,8 +82,7 @@ def find_longest(lines: Split) -> tuple[int, int, int]:
 
 
 def find_run(text: str) -> Columns:
-    """The longest run of rows of numbers, with the line above it that names its columns. Raises SceneError for none,
-    and where rows of as many numbers lie outside of it."""
+    """The longest run of rows of numbers under its names. Raises SceneError for none, and for such rows outside it."""
     found = [(one, split_lines(text, one)) for one in SEPARATORS]
     separator, lines = max(found, key=lambda one: find_longest(one[1])[0])
     weight, start, end = find_longest(lines)
@@ -121,8 +119,7 @@ def find_run(text: str) -> Columns:
 
 
 def find_names(lines: Split, start: int, separator: str) -> tuple[list[str], int]:
-    """The names of columns in the lines right above a table: names, units below them, samples above names that repeat;
-    and the index of the first of these lines. None where no line there has as many cells."""
+    """Names of columns above a table, with units and samples, and the index of their first line; [] for none."""
     width = len(lines[start][2])
 
     def read(index: int) -> list[str]:

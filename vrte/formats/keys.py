@@ -39,8 +39,7 @@ class Reading(NamedTuple):
 
 
 class Other(NamedTuple):
-    """Another key in place of one, such as a diameter for a radius: its name, what makes the value of its own (None:
-    it must be ``allowed``), and words between it and a sentence about that value."""
+    """Another key in place of one, such as a diameter: name, how its value converts, words before a complaint."""
 
     name: str
     convert: Callable[[Any], Any]
@@ -195,8 +194,8 @@ def read_beside(table: Table, key: str, read: Callable[[Path], Read], folder: Pa
 
 
 class Row(NamedTuple):
-    """A kind of something: ``words`` of a form; what makes it, called with the values of its ``keys`` by their names;
-    of particles, what only checks them in place of that, and whether they are ``sized``."""
+    """A kind of something: ``words`` of a form, what makes it of its ``keys``; particles: what checks, and
+    ``sized``."""
 
     words: str
     make: Callable[..., Any]

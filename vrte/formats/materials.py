@@ -148,8 +148,7 @@ def name_kind(material: Any, kind: str) -> str:
 
 
 def expand_materials(content: Mapping[str, Any], folder: Path = Path()) -> dict[str, Any]:
-    """The content of a scene file with the particles and layers of the materials that it names; one's own lie in
-    ``folder``. What else is in it stays, right or wrong. Raises SceneError naming the layer."""
+    """A scene file's content with the materials it names, one's own in ``folder``, expanded. Raises SceneError."""
     named = list(list_named(content))
     if not named:
         return dict(content)
@@ -212,8 +211,7 @@ PIGMENTS = {
 
 @cache
 def list_paints() -> dict[str, ReadyMaterial]:
-    """The ready paints by name, in alphabetical order, such as list_paints()["white gloss"]: what each is, in which
-    ways it is approximated, where its numbers come from, and its table [paint]."""
+    """The ready paints by name, in alphabetical order, such as list_paints()["white gloss"]."""
     return list_ready("paints", "paint")
 
 
@@ -232,8 +230,7 @@ def expand_content(content: Mapping[str, Any], folder: Path = Path()) -> dict[st
 
 
 def expand_paint(content: Mapping[str, Any]) -> dict[str, Any]:
-    """The content of a scene file with particles, layers and a base in place of its table [paint], unchecked; spheres
-    are packed by the coherent potential, other grains independent. Raises SceneError."""
+    """A scene file's content with particles, layers and base in place of its table [paint]. Raises SceneError."""
     if "paint" not in content:
         return dict(content)
     for key in REPLACED:

@@ -108,8 +108,7 @@ def make_unit_vectors(mu: Array, azimuth: Array) -> Array:
 
 
 def make_pairs(mu_i: Array, mu_o: Array, phi_deg: Array) -> tuple[Array, Array]:
-    """Directions of light and view away from the surface, (n, 3) each, of cosines and azimuths that broadcast; light
-    travels along the azimuth 0."""
+    """Directions of light, which travels along azimuth 0, and view, (n, 3) each, of cosines and azimuths [degrees]."""
     cosine, seen, azimuth = (axis.ravel() for axis in np.broadcast_arrays(mu_i, mu_o, phi_deg))
     return make_unit_vectors(cosine, np.full_like(cosine, np.pi)), make_unit_vectors(seen, np.radians(azimuth))
 
@@ -139,8 +138,7 @@ def normalise(vectors: Array) -> Array:
 
 
 def turn(travel: Array, across: Array) -> Array:
-    """Matrices (pairs, 4, 4) that take Stokes vectors from the meridian plane of a direction of travel to the plane
-    perpendicular to ``across``, with Q as perpendicular minus parallel."""
+    """Matrices (n, 4, 4) from the meridian plane of ``travel`` to the plane across ``across``, Q turned over."""
     azimuth = np.arctan2(travel[:, 1], travel[:, 0])
     horizontal = np.hypot(travel[:, 0], travel[:, 1])
     # theta-hat, along which l lies, and r with r x l along the direction of travel: minus phi-hat

@@ -47,8 +47,8 @@ class Stored(NamedTuple):
 
 
 def save_netcdf(result: Result, path: PathName) -> None:
-    """Writes ``result`` to the NetCDF file ``path``, all of it or nothing, and a checksum at its end; the same result
-    makes the same bytes. Raises MissingExtraError without the extra "files", OSError."""
+    """Writes ``result``, all of it or nothing, and a checksum; same result, same bytes. Raises MissingExtraError,
+    OSError."""
     dataset = to_xarray(result)
     h5netcdf = import_extra("h5netcdf", NETCDF, "files")
     from xarray.backends import H5NetCDFStore
@@ -104,8 +104,7 @@ class WrittenFile(io.FileIO):
 
 
 def read_netcdf(path: PathName, wanted: Collection[str] | None, most_bytes: float) -> Stored:
-    """The ``wanted`` ones of the arrays of a NetCDF file, or all, and its texts. Raises SceneError, also
-    where its bytes are not those of its checksum, MissingExtraError without the extra "files", OSError."""
+    """Texts and ``wanted`` arrays (None: all) of a NetCDF file. Raises SceneError, MissingExtraError, OSError."""
     import_extra("h5netcdf", NETCDF, "files")
     name = check_file(path)
     with open(name, "rb") as file:

@@ -48,8 +48,7 @@ AS_JSON = ("diagnostics", NAMES)  # texts that are JSON already
 
 
 def write_csv(result: Result, path: PathName) -> None:
-    """Writes ``result`` to ``path``, all of it or nothing, every digit: a column a coordinate, then those that are
-    declared of arrays over directions; all else in lines before them that start with # (docs/how_to/exports.md)."""
+    """Writes ``result`` as CSV, all or nothing, every digit: rows are directions, all else is above them behind #."""
     kind, arrays = find_kind(result), collect_arrays(result)
     tables = list_tables(kind, arrays, len(result.jacobian or ()))
     header = [*format_header(kind, arrays, tables, describe_result(result))]
@@ -93,8 +92,7 @@ def format_header(
 
 
 def load_csv(path: PathName, most_bytes: float) -> Result:
-    """The result that `write_csv` wrote to ``path``, every digit as it was; ``most_bytes`` and errors, which name the
-    line, as of `vrte.load`. It is read line by line, into no more memory than the values take."""
+    """The result that `write_csv` wrote, read line by line; ``most_bytes`` and errors as of `vrte.load`."""
     with open(check_file(path), "rb") as file:
         lines = Lines(file)
         texts, arrays, columns = read_header(lines)
@@ -167,8 +165,7 @@ SEAL = "sha256"  # the attribute
 
 
 def save_zarr(result: Result, path: PathName) -> None:
-    """Writes ``result`` to the Zarr folder ``path``, all of it or nothing; one that is there is replaced, and nothing
-    else is. Raises MissingExtraError without the extra "files", OSError."""
+    """Writes ``result`` to a Zarr folder, all or nothing, in place of such a one. Raises MissingExtraError, OSError."""
     import_extra("zarr", PURPOSE, "files")
     dataset = to_xarray(result)
     dataset.attrs[SEAL] = hash_content(dataset.attrs, collect_arrays(result))
@@ -180,8 +177,7 @@ def save_zarr(result: Result, path: PathName) -> None:
 
 
 def load_zarr(path: PathName, most_bytes: float) -> Result:
-    """The result that `save_zarr` wrote to ``path``; ``most_bytes`` and errors as of `vrte.load`. Only plain numbers of
-    format 3 are read, unpacked: nothing of a foreign folder is run."""
+    """The result in a Zarr folder of plain numbers, format 3; ``most_bytes`` and errors as of `vrte.load`."""
     zarr = import_extra("zarr", PURPOSE, "files")
     folder = Path(check_file_name(path))
     if not folder.is_dir():

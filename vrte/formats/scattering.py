@@ -82,8 +82,7 @@ class WavelengthTable(NamedTuple):
 
 
 def read_wavelength_table(path: PathName, selection: dict[str, float | None]) -> WavelengthTable:
-    """The tables of a NetCDF file, of the size or humidity that ``selection`` asks for by SIZES, None where the file
-    has one. Raises SceneError, OSError, MissingExtraError without the extra "files"."""
+    """The tables of a NetCDF file, of the size or humidity of a ``selection``. Raises as `read_scattering`."""
     stored = read_netcdf(path, (*NAMES, LABELS), LARGEST_TABLE)
     stored.arrays.update({key: stored.arrays[key].astype(np.float64) for key in stored.arrays if key != LABELS})
     for names, layout in LAYOUTS:
@@ -213,8 +212,7 @@ RATIO = "/F11"
 
 
 def read_angle_table(path: str | os.PathLike[str], convention: str = "vrte") -> AngleTable:
-    """The table over angle in a CSV file: angle_deg, ascending from 0 to 180, or cosine, and elements F11, P11, S11, a1
-    or as the convention calls them. Raises SceneError naming the line, OSError."""
+    """The table over angle_deg or cosine in a CSV file, in a convention. Raises SceneError naming the line, OSError."""
     about = find_convention(convention)
     columns = Columns.read(path, LARGEST_FILE, MOST_ANGLES)
     indices = find_columns(columns.names, about, convention)

@@ -108,8 +108,7 @@ class Optics:
 
 
 class HeldOptics:
-    """Particles of scenes that differ a little, all averaged over as many radii as the first one needs: ``radii`` and
-    ``particles`` of that, by kind in the order in which they are made."""
+    """Particles, by kind in order, of scenes that differ a little, averaged over the ``radii`` of the first one."""
 
     def __init__(self, optics: Optics) -> None:
         self.optics = optics
@@ -143,8 +142,7 @@ def replace_sizes(particles: Particles, make_size: Callable[[Any], SizeDistribut
 
 
 class Recipe:
-    """What a scene file makes its ``scene`` of, with stand-ins for particles: ``descriptions`` of its kinds,
-    ``particles`` that were only checked, and the ``layers`` that hold them."""
+    """What a file makes its ``scene`` of, with stand-ins: ``descriptions`` and ``particles`` by kind, ``layers``."""
 
     def __init__(self, file: ChangingFile, values: Array) -> None:
         self.descriptions: list[str] = []

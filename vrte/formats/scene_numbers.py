@@ -16,8 +16,7 @@ TOTALS = ("thickness", "thickness_um")  # of several layers: the sum, of which e
 
 @dataclass(frozen=True)
 class SceneNumber:
-    """One number of a scene file: the ``places`` where it stands, its ``value``, and the ``parts`` of it that stand at
-    each place."""
+    """One number of a scene file: its ``value``, the ``places`` where it stands, and the ``parts`` of it there."""
 
     places: tuple[Place, ...]
     value: float

@@ -51,8 +51,7 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 
 def check_depth(text: str) -> None:
-    """Raises SceneError where a text of TOML leads deeper than DEEPEST, in one pass, before it is parsed: a key takes
-    the parser time and memory that grow with the square of its parts, and nested tables take its stack."""
+    """Raises SceneError where TOML leads deeper than DEEPEST, before it is parsed: that would take time and stack."""
     around, depth = [0], 0  # how deep the tables and lists around are, and the place itself
     for found in STEPS.finditer(text):
         sign = found[0]
@@ -131,8 +130,7 @@ def show_key(key: str) -> str:
 
 
 def write_toml(content: dict[str, Any]) -> str:
-    """The content of a scene file as TOML: values first, then tables under headings of their own, particles under
-    [particles.kind]. Raises SceneError for what no scene file holds: dates, and what is no TOML at all."""
+    """A scene file's content as TOML, values before tables. Raises SceneError for what no scene file holds."""
     headed = {key: value for key, value in content.items() if are_tables(value if isinstance(value, list) else [value])}
     lines = write_lines({key: value for key, value in content.items() if key not in headed})
     for key, value in headed.items():

@@ -46,8 +46,7 @@ from vrte.optics.spheres import average_ball, count_orders
 
 
 def compute_structure_factor(q_um: ArrayLike, radius_um: float, volume_fraction: float) -> Array:
-    """Structure factor S(q) (n,) of hard spheres of one radius [um]: their light together over that of each alone, at q
-    = 2 k sin(theta/2) [1/um] (n,), k in the medium."""
+    """Structure factor S(q) (n,) of hard spheres of one radius [um] at q = 2 k sin(theta/2) [1/um] (n,)."""
     q = np.asarray(q_um, dtype=np.float64)
     alone = np.ones((1, 1, q.size), dtype=np.complex128)
     return np.abs(join_amplitudes(alone, q, np.array([radius_um]), np.ones(1), volume_fraction)[0, 0]) ** 2
@@ -258,8 +257,8 @@ def scatter_in_medium(
 
 
 class Packing(NamedTuple):
-    """A model of crowding: ``words``; the volume fraction above which it warns; how particles scatter at one; which
-    spheres it is ``meant`` for, by a number and its limit; the largest volume fraction."""
+    """A model of crowding: ``words``, up to which volume fraction, how it scatters, what it is ``meant`` for,
+    limits."""
 
     words: str
     up_to: float

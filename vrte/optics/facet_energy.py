@@ -55,8 +55,7 @@ def share_energy(surface: RoughSurface, mu: Array) -> tuple[Array, Array]:
 
 
 def restore_lost(surface: RoughSurface, mu_i: Array, mu_o: Array, transmitted: bool) -> Array:
-    """What single bounces lose, given back: f of I and Q [1/sr], (..., 2, 2) on the shape of the directions, mu_o on
-    the side it goes to."""
+    """What single bounces lose, given back: f of I and Q [1/sr], (..., 2, 2), mu_o on the side it goes to."""
     there = find_lost(surface.turned if transmitted else surface).find(mu_o)
     both: Array = there[..., :, None] * find_lost(surface).find(mu_i)[..., None, :]
     return find_strengths(surface)[transmitted] / (2.0 * np.pi) * both
@@ -146,8 +145,7 @@ def place_points(edges: Array, count: int) -> tuple[Array, Array]:
 
 @lru_cache(maxsize=128)
 def find_lost(surface: RoughSurface) -> Lost:
-    """What single bounces lose of light that comes from one side; of facets that reflect everything where light that
-    gets in stays."""
+    """What single bounces lose from one side; of facets that reflect all where light that gets in stays."""
     lit = replace(surface, index=EVERYTHING * surface.index_from) if surface.closed else surface
     index, behind = surface.index_from, [surface.index.real] if surface.is_clear else []
     pieces, cosines, weights = [], [], []
@@ -167,8 +165,7 @@ def find_lost(surface: RoughSurface) -> Lost:
 
 
 def find_edges(surface: RoughSurface, panel: Panel) -> Iterator[float]:
-    """Where pieces of polynomials meet in a panel's variable x, ascending: near the horizon and where total reflection
-    begins light is lost on the scale of alpha."""
+    """Where polynomials meet in a panel's x, ascending: near the horizon and where total reflection begins."""
     alpha, at_horizon = surface.roughness, panel.high >= surface.index_from
     depths = (alpha * panel.high * NEAR) ** 2 if at_horizon else np.array([panel.size * CRITICAL * alpha])
     if panel.low > 0.0:

@@ -153,8 +153,7 @@ def spread_points(
     points: int,
     reach: float,
 ) -> tuple[np.ndarray, Array, Array]:
-    """Gauss points of the integrals over one panel: the outgoing direction of each (ascending), x and weight,
-    (point,)."""
+    """Gauss points of the integrals over a panel: outgoing direction (ascending), x and weight, (point,)."""
     x_piece, w_piece = make_double_gauss(points)
     between = np.append(0.5 * (x_node[:-1] + x_node[1:])[NODES_AT_ONCE - 1 :: NODES_AT_ONCE], [0.0, 1.0])
     inside = panel.locate((panel.high - met) * (panel.high + met))

@@ -90,8 +90,7 @@ def sum_bulk(population: Population) -> Array:
 
 
 def find_cross_sections(a: Complex, b: Complex) -> Array:
-    """Extinction, scattering, asymmetry x scattering and backscattering of each sphere (sizes, 4), times k^2/(2 pi).
-    Source: Bohren and Huffman (1983), (4.61), (4.62), section 4.5."""
+    """Extinction, scattering, asymmetry, backscattering (sizes, 4), times k^2/(2 pi): Bohren and Huffman (1983), 4."""
     order = np.arange(1.0, a.shape[1] + 1.0)
     twice = 2.0 * order + 1.0
     extinction = (a + b).real @ twice
@@ -104,8 +103,7 @@ def find_cross_sections(a: Complex, b: Complex) -> Array:
 
 
 def expand_population(population: Population) -> PhaseMatrix:
-    """The phase matrix of spheres that scatter independently: with n orders F is a polynomial of degree 2 n in the
-    cosine: 2 n + 1 nodes and terms are exact; n is rounded up, so that spheres share their angles."""
+    """The phase matrix of spheres that scatter independently: 2 n + 1 nodes and terms are exact for n orders."""
     terms = 2 * round_up(population.a.shape[1]) + 1
     return make_phase_matrix(expand_elements(partial(compute_scattering_elements, population), terms)[0])
 

@@ -45,8 +45,7 @@ _silencing = threading.Lock()
 
 
 class Average(NamedTuple):
-    """Over all orientations: k^2 times extinction and scattering; integrals (terms, 6) as `project_elements` has them,
-    of k^2 F; how far amplitudes are from reciprocal, as a share."""
+    """Over orientations: k^2 times cross sections, integrals (terms, 6) of k^2 F, share that is not reciprocal."""
 
     extinction: float
     scattering: float
@@ -55,8 +54,7 @@ class Average(NamedTuple):
 
 
 def average_orientations(shape: int, aspect_ratio: float, size: float, index: complex) -> Average | None:
-    """Scattering of a SPHEROID or CYLINDER in random orientation, from its width over its length, the size parameter of
-    the sphere of equal volume and the relative index; None where the solver does not converge."""
+    """Scattering in random orientation by aspect ratio, size parameter, relative index; None if not converged."""
     solver = import_solver()
     found = choose_matrix(solver, shape, aspect_ratio, size, index)
     if found is None:

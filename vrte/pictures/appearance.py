@@ -99,8 +99,7 @@ def describe_coefficients(found: KubelkaMunk, with_diffusion: bool = False) -> P
 
 
 def draw_two_fluxes(found: KubelkaMunk, lengths: Any = None, progress: Progress | None = None) -> Figure:
-    """Four panels: reflectance and its error against thickness [um, or films], by default from an eighth of the film's
-    own to eight times, the colour difference, K and S against wavelength."""
+    """Reflectance, its error and colour difference against thickness [um, or films]; K and S against wavelength."""
     usual = found.length * 2.0 ** np.arange(-3.0, 3.5, 0.5)
     return draw_errors(found, found.compare(usual if lengths is None else lengths, progress))
 

@@ -41,8 +41,7 @@ SCENE = "the scene in the form"
 def describe_curves(
     curves: Mapping[int, CurveRows], value: Array, sigma: Any, predicted: Any, smooth: Mapping[int, Any] = {}
 ) -> tuple[list[Any], list[Any]]:
-    """Measured points with error bars and lines of what a model shows, and the residuals over sigma, where that is
-    known; ``smooth``: x and y of finer lines by the number of a curve."""
+    """Points with error bars, lines of a model, and residuals over sigma; ``smooth``: finer lines by curve."""
     upper: list[Any] = []
     lower: list[Any] = [Line(y=0.0)]
     for number, (index, one) in enumerate(curves.items()):

@@ -126,8 +126,7 @@ def name_brdf(brdf: Brdf) -> str:
 
 
 def choose_range(values: Array, quantity: str) -> tuple[float, float]:
-    """The ends of an axis or a colour scale: 0 to 180 for angles, symmetric where a quantity may be negative, else from
-    0."""
+    """The ends of an axis: 0 to 180 for angles, symmetric where a quantity may be negative, else from 0."""
     if quantity in ANGLES:
         return 0.0, 180.0
     largest = float(np.abs(np.nan_to_num(values)).max()) or 1.0  # where nothing is, any scale will do
@@ -147,8 +146,7 @@ def describe_incidence(brdf: Brdf, index: int) -> str:
 
 
 def make_triangles(corner: Any) -> Any:
-    """Corners (n, 3) of the triangles of a mesh, two between neighbours; ``corner`` (rings, spokes) numbers its
-    points."""
+    """Corners (n, 3) of the triangles of a mesh, two between neighbours; ``corner`` (rings, spokes) numbers points."""
     here, below, beside, across = corner[:-1, :-1], corner[1:, :-1], corner[:-1, 1:], corner[1:, 1:]
     halves = (here, below, across), (here, across, beside)
     return np.concatenate([np.stack(three, axis=-1).reshape(-1, 3) for three in halves])
@@ -167,8 +165,7 @@ def make_lobe_colours(lobes: Sequence[Lobe]) -> Any:
 
 
 def draw_lobe(axes: Any, lobe: Lobe, factor: float, colours: Any, letters: float = 9.0) -> None:
-    """A lobe, its radius times ``factor``, 0 to 1, above the surface, and the ray that comes in along phi = 0; words in
-    ``letters`` [points]. It is seen from far away and above, and drawn from its far side to its near one."""
+    """A lobe, its radius times ``factor``, above the surface, with its rays; words in ``letters`` [points]."""
     from matplotlib.collections import TriMesh
     from matplotlib.tri import Triangulation
 
@@ -240,8 +237,7 @@ def lobe(brdf: Brdf, index: int, height: str = "f00", colour: str = DEGREE_LINEA
 
 
 def make_body(lobe: Lobe, largest: float) -> dict[str, Any]:
-    """The surface of a lobe, a mesh closed around the normal. Corners have colours, between which the screen
-    interpolates: angles are coloured beforehand, or from 179 degrees to 1 there would be a band of all hues."""
+    """The surface of a lobe, a mesh closed around the normal; angles are coloured by corner, not interpolated."""
     phi, heights, colours = lobe.phi[:-1], lobe.heights[:, :-1], lobe.colours[:, :-1]  # the last spoke is the first
     corner = np.arange(heights.size).reshape(heights.shape)
     corners = make_triangles(np.append(corner, corner[:, :1], axis=1)).astype(np.int16)
@@ -307,8 +303,7 @@ def make_ground_disc() -> list[dict[str, Any]]:
 
 
 def make_rays(lobe: Lobe) -> Iterator[dict[str, Any]]:
-    """The incident light, which travels down along phi = 0 to the centre, and the beam that goes back mirrored: lines
-    whose arrows lie outside the body, and the words of their points."""
+    """The incident beam along phi = 0 and the mirrored one: lines with arrows outside the body, and words."""
     for seen, words, colour in lobe.list_beams():
         words = words or f"incident light, μ<sub>i</sub> = {lobe.mu_i:.4g}"
         tip, along = (1.08, -seen) if colour == INCIDENT else (1.4, seen)

@@ -83,8 +83,7 @@ def save_plot(result: Brdf | Field | Spectrum, path: str | os.PathLike[str]) -> 
 
 
 def describe_cuts(brdf: Brdf, index: int, quantity: str = "f00", stokes: Any = UNPOLARIZED) -> PlotPanel:
-    """A quantity of the light that leaves against its angle from the normal, in upright planes, as a half circle, whose
-    centre is as far below 0 as the rim is above where the quantity may be negative."""
+    """A quantity against the angle of exit in upright planes, as a half circle with its centre as far below 0."""
     incident = incident_for(quantity, stokes)
     found = [light_in_plane(brdf, index, phi, incident) for phi, *_ in CUTS]
     values = [of_light(light, quantity) for _, light in found]
@@ -215,8 +214,7 @@ def name_depth(field: Field, depth: int) -> str:
 
 
 def describe_field(field: Field, azimuth: int, depths: Sequence[int]) -> tuple[PlotPanel, PlotPanel]:
-    """I and the degree of polarization against mu at one azimuth, a line a depth, and one each for light that goes up
-    and down, since it may jump at the horizon. Directions that were computed are marked where they are few."""
+    """I and degree of polarization against mu at one azimuth, a line a depth and hemisphere, dots where few."""
     panels: tuple[list[Any], list[Any]] = [], []
     for depth, colour in zip(depths, colour_scale(len(depths)), strict=True):
         name = name_depth(field, depth)
@@ -309,8 +307,7 @@ def select_in_plane(field: Field, quantity: str) -> tuple[Array, Array]:
 
 
 def describe_spectrum(spectrum: Spectrum) -> list[PlotPanel]:
-    """Reflectance against wavelength, a line an incident direction, and f00 in the plane of incidence of the first of
-    them, a line a wavelength, where there are enough directions."""
+    """Reflectance against wavelength, a line an incidence; f00 in the plane of the first, a line a wavelength."""
     first, indices = spectrum[0], spread(spectrum[0].mu_i.size, MOST_LOBES)
     marker = "o" if len(spectrum) < FEW else ""
     parts = []

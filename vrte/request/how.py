@@ -23,8 +23,8 @@ from vrte.scene.illumination import SIDES
 
 
 class Backend(Enum):
-    """kernels: the compiled core on one thread ("sequential") or all ("openmp"), or the OpenCL device; linear_algebra:
-    LAPACK on the processor, or products and inverses of all orders at once on the OpenCL device."""
+    """Where the stages run (``kernels``: "sequential", "openmp" or the device), and LAPACK or products on the
+    device."""
 
     OPENMP = "openmp", "openmp", "lapack"
     SEQUENTIAL = "sequential", "sequential", "lapack"

@@ -87,8 +87,7 @@ def _count_steps(length: float, most: float) -> int:
 
 
 def between_angles(angle: Array, stokes: Array, times: int = 8) -> tuple[Array, Array]:
-    """Ascending angles [degrees] ``times`` as dense, and Stokes vectors (m, 4) there, by monotone cubics; fewer than 3
-    angles, and light that is not finite, stay as they are."""
+    """Ascending angles [degrees] ``times`` as dense, and Stokes vectors (m, 4) there, by monotone cubics."""
     from scipy.interpolate import PchipInterpolator
 
     angle, stokes = check_vector("angle", angle), check_numbers("stokes", stokes)

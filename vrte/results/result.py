@@ -29,8 +29,7 @@ class Labelled:
         return type(self), tuple(getattr(self, field.name) for field in fields(self))  # type: ignore[arg-type]
 
     def _freeze(self, shapes: dict[str, tuple[int, ...]]) -> None:
-        """Replaces the named arrays by read-only ones, copied where they are not, and ``diagnostics`` by a copy. Raises
-        SceneError for an array that has not the shape given."""
+        """Makes the named arrays read-only and copies ``diagnostics``. Raises SceneError for another shape."""
         for name, shape in shapes.items():
             given = getattr(self, name)
             array = given if is_readonly(given) else freeze_copy(given)
@@ -104,8 +103,7 @@ NO_LIGHT = 1e-290  # per unit of incident light: below, numbers lose digits
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Diffuse radiance of each wanted part (n_level, n_in, n_mu, n_phi, 4, n_place), public frame, and fluxes (n_tau,
-    n_in, n_col)."""
+    """Diffuse radiance of parts (n_level, n_in, n_mu, n_phi, 4, n_place), public frame; fluxes (n_tau, n_in, n_col)."""
 
     parts: list[Array]
     flux_up: Array

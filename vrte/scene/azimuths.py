@@ -153,8 +153,7 @@ def sum_piece(sample: Sample, mu_i: Array, mu_o: Array, n_order: int, first: Arr
 
 
 def multiply_angles(phi: Array, n_order: int, with_sine: bool) -> tuple[Array, ...]:
-    """cos(m phi), and sin(m phi) where that is asked for, (piece, n_order, point), of phi (piece, point) [rad]: turned
-    by phi from order to order, which is quicker than as many cosines."""
+    """cos(m phi), and sin(m phi) where asked for, (piece, n_order, point), of phi (piece, point) [rad]."""
     turn = np.exp(1j * phi)
     waves = [np.empty((phi.shape[0], n_order, phi.shape[1])) for _ in range(1 + with_sine)]
     now = np.ones_like(turn)

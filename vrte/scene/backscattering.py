@@ -42,8 +42,7 @@ def check_interference(scene: Scene, mu_i: Array, mu_o: Array, phi_deg: Array) -
 
 
 def scatter_back_once(scene: Scene, mu: Array) -> Array:
-    """Light that particles scatter once, and that a Lambertian base reflects alone, back along cosines mu (n,) outside:
-    f [1/sr] (n, 4, 4). Each such path is its own reverse."""
+    """Light scattered once, or by a Lambertian base alone, back along cosines mu (n,) outside: f [1/sr] (n, 4, 4)."""
     along = find_cosines(scene.media, scene.index_above, mu)[1]
     inside = np.where(along > 0.0, along, 1.0)[:, None, None]
     above, found = 0.0, np.zeros((mu.size, 4, 4))

@@ -26,8 +26,7 @@ LOWEST = 1e-8  # cosines below are along the surface: they lead nowhere
 
 @dataclass(frozen=True, eq=False)
 class Interfaces:
-    """Mueller matrices (interface, n, 4, 4) of power at what lies above each layer and below the last, for n
-    directions: reflected from above and from below, transmitted down and up."""
+    """Mueller matrices (interface, n, 4, 4) of power reflected from above and below, transmitted down and up."""
 
     above: Array
     below: Array
@@ -113,8 +112,7 @@ def _find_interfaces(
 
 
 def pass_along(interfaces: Interfaces, decay: Array, sources: Passing) -> Passing:
-    """Light everywhere, from ``sources`` on either side of every interface, those from outside ``arriving`` at the
-    first and ``rising`` at the last; decay (layer, n) on the way through each layer."""
+    """Light everywhere from ``sources`` on both sides of every interface; decay (layer, n) through each layer."""
     last, every = interfaces.above.shape[0] - 1, (1, 2, 3)
     one = np.eye(interfaces.above.shape[-1])
     acts = (np.stack([interfaces.down, interfaces.up]) != one).any(axis=(0, 2, 3, 4))
@@ -156,8 +154,7 @@ def pass_along(interfaces: Interfaces, decay: Array, sources: Passing) -> Passin
 
 
 def find_decaying(thickness: Array, slants: Array) -> Array:
-    """e^(-thickness/slant) of layers (layer,), slant the cosine (layer, n), or that over k where flakes lie; 0 where
-    light does not go."""
+    """e^(-thickness/slant) of layers (layer,), slants (layer, n), 0 where light does not go."""
     with np.errstate(divide="ignore", invalid="ignore"):
         decay = np.exp(-thickness[:, None] / slants)
     return np.where(slants > 0.0, decay, 0.0)
@@ -173,8 +170,7 @@ def follow_beams(interfaces: Interfaces, decay: Array) -> Passing:
 
 @dataclass(frozen=True, eq=False)
 class Depths:
-    """Where depths lie: index of the interface (n_tau,), and under (n_tau,), on its lower side; or interface -1, at
-    ``share`` (n_tau,) of the optical thickness of ``layer`` (n_tau,)."""
+    """Where depths (n_tau,) lie: interface and side ``under``, or -1 and the ``share`` of the ``layer``'s thickness."""
 
     interface: IntArray
     under: BoolArray

@@ -34,8 +34,7 @@ def find_oriented(layer: Layer, thickness: float) -> Oriented | None:
 
 
 def find_slants(oriented: Sequence[Oriented | None], cosines: Array) -> Array:
-    """mu/k of layers (layer,) along cosines (layer, n): path over depth; the cosine itself where particles alone
-    attenuate."""
+    """mu/k of layers (layer,) along cosines (layer, n), path over depth; the cosine where no flakes lie."""
     found = cosines
     for k, one in enumerate(oriented):
         if one is not None:

@@ -27,8 +27,7 @@ ENGINES = ("threads", "dask", "opencl")
 
 
 def perform_on_threads(work: Work, jobs: Iterable[Job], count: int, cores: int) -> Iterator[int]:
-    """Does ``count`` jobs on so many cores of this process; a scene begun when few threads are left gets several cores,
-    for its Fourier orders. An interrupt stops the compiled loops: unfinished chunks are lost."""
+    """Does ``count`` jobs on so many cores of this process, the last ones on several; an interrupt stops them."""
     workers = max(1, min(cores, count))
     stop = np.zeros(1, np.int32)
     busy = [workers]
@@ -122,8 +121,8 @@ def perform_on_cluster(
 
 @contextmanager
 def start_own_cluster(work: Work, workers: int) -> Iterator[Any]:
-    """A connection to so many processes of one thread on this machine, for us alone: encrypted by a certificate that
-    this process makes for its workers, on loopback. Raises MissingExtraError, SweepError."""
+    """A connection to so many processes of this machine, encrypted, on loopback. Raises MissingExtraError,
+    SweepError."""
     import dask
     from distributed import Client, LocalCluster, Security
 
@@ -160,8 +159,7 @@ def start_own_cluster(work: Work, workers: int) -> Iterator[Any]:
 
 @contextmanager
 def start_deaf_loop() -> Iterator[Any]:
-    """Dask's event loop in a thread without Ctrl-C, as all processes that it starts will be, from their first moment:
-    an interrupt is for the one that waits for them, and ends them."""
+    """Dask's event loop in a thread without Ctrl-C, as all processes that it starts are from their first moment."""
     from multiprocessing import resource_tracker
 
     from distributed.utils import LoopRunner

@@ -37,8 +37,7 @@ STOKES = ("stokes_out", "stokes_in", "stokes_parameter")
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Scenes between those of a table, solved and interpolated: ``points``, their values (n,) by the axis's name, and
-    ``errors`` (n,), each the largest difference of a Mueller element over the scene's largest."""
+    """Scenes between a table's: ``points`` (n,) by axis, ``errors`` (n,) of Mueller elements over the largest."""
 
     points: dict[str, Array]
     errors: Array

@@ -323,8 +323,7 @@ def list_changed_files(fresh: Path, table: Path) -> list[Path]:
 
 
 def check_output(sweep: Sweep, output: Path, folder: Path) -> list[str]:
-    """What is damaged in a sweep's finished table, in words; if anything, it becomes work begun again, with a journal
-    for each whole chunk. Raises SceneError for a table of another sweep, or of none."""
+    """Damage of a finished table, in words; if any, it is work begun again. Raises SceneError for another table."""
     if output.suffix != ".zarr":  # damage to one byte is damage to all
         try:
             whole = is_sealed(str(output))

@@ -46,8 +46,7 @@ VALUES = "a list of numbers, or { start, stop, count }"
 
 @dataclass(frozen=True, eq=False)
 class SweepAxis:
-    """A ``number`` of the scene that changes: ``key`` its dotted path, ``values`` (n,), ``dimension`` the name of the
-    dimension along which it does."""
+    """A ``number`` of the scene along a ``dimension``: ``key`` its dotted path, ``values`` (n,)."""
 
     name: str
     key: str
@@ -147,8 +146,7 @@ def read_sweep(source: str | os.PathLike[str] | Mapping[str, Any], folder: Path 
 
 
 def read_axis(content: dict[str, Any], template: dict[str, Any], name: str, value: Any) -> SweepAxis:
-    """One entry of [axes]; an axis along a number of [paint] is that of the scene that the paint stands for, so that
-    the table's own content can be read again. Raises SceneError for a number that no scene has of its own."""
+    """One entry of [axes], of a paint's number as an axis of what it stands for. Raises SceneError."""
     table = Table(("axes", name), value if isinstance(value, dict) else {"values": value}, AXIS_KEYS)
     key, dimension = table.content.get("key", name), table.content.get("along", name)
     for word, given in (("key", key), ("along", dimension)):
