@@ -207,17 +207,17 @@ def show_numbers(numbers: dict[Key, Array], digits: int = DIGITS) -> dict[Key, l
     return found
 
 
-def find_changes(told: dict[Key, list[str]], numbers: dict[Key, Array]) -> tuple[float, list[str]]:
-    """The largest change in units of the last place told, and what is not as it was, in words.
+def find_changes(written: dict[Key, list[str]], numbers: dict[Key, Array]) -> tuple[float, list[str]]:
+    """The largest change in units of the last place written, and what is not as it was, in words.
 
     >>> find_changes({("flux",): ["0.12", "", "", ""]}, {("flux",): np.array([0.131, *3 * [math.nan]])})[1]
     ['flux I: 0.12 has become 0.131']
     """
-    changed = [f"{' '.join(filter(None, key))}: not there any more" for key in told if key not in numbers]
-    changed += [f"{' '.join(filter(None, key))}: not in the file" for key in numbers if key not in told]
+    changed = [f"{' '.join(filter(None, key))}: not there any more" for key in written if key not in numbers]
+    changed += [f"{' '.join(filter(None, key))}: not in the file" for key in numbers if key not in written]
     largest = 0.0
     for key, values in numbers.items():
-        for name, text, value in zip(STOKES, told.get(key, []), values, strict=False):
+        for name, text, value in zip(STOKES, written.get(key, []), values, strict=False):
             if not text and math.isnan(value):
                 continue
             unit = 10.0 ** -len(text.partition(".")[2])
@@ -250,7 +250,7 @@ def describe_comparisons(found: Sequence[Comparison]) -> str:
     lines = [
         f"  {one.name:{width}}  {one.nodes:5}  {one.numbers:7}  "
         + "  ".join(f"{one.largest[name]:8.2f}" for name in ALGORITHMS)
-        + f"  {one.seconds:7.1f}  {f'{len(one.changed)} changed' if one.changed else 'as told'}"
+        + f"  {one.seconds:7.1f}  {f'{len(one.changed)} changed' if one.changed else 'unchanged'}"
         for one in found
     ]
     reported = "  largest change by each algorithm in units of the last place told; rounding alone is 0.50"

@@ -166,19 +166,19 @@ class Measurement:
 
 
 def make_study(
-    points: Sequence[Point], told: dict[str, dict[str, Any]], rounds: tuple[int, int, float], settings: str = ""
+    points: Sequence[Point], options: dict[str, dict[str, Any]], rounds: tuple[int, int, float], settings: str = ""
 ) -> Study[Point, str, Measurement]:
     """Every point in every configuration by turns, timed by the solver's own diagnostics."""
 
     def measure(point: Point, configuration: str, number: int) -> Measurement:
-        made = point.solve(told[configuration])
+        made = point.solve(options[configuration])
         stages = {name: clock["wall_seconds"] for name, clock in made["stages"].items()}
         before = sum(stages.get(name, 0.0) for name in BEFORE)  # of a clock that starts with the orders
         return Measurement(point, configuration, number, made["wall_seconds"] + before, made["orders"], stages)
 
     return Study(
         cases=points,
-        ways=lambda point: list(told),
+        ways=lambda point: list(options),
         measure=measure,
         name=lambda point, configuration: f"{point.axis} {point.value:g}",
         page=write_page,

@@ -94,7 +94,7 @@ class Asked:
         this one does not."""
         if not np.isfinite(self.scene.thickness):
             raise SceneError(f"{name} takes no semi-infinite layer")
-        if self.scene.keeps_beams:
+        if self.scene.needs_beam_paths:
             raise SceneError(f"{name} takes no refracting or mirroring surface here")
         if self.scene.base is not None and self.scene.base.orders_reflected > 1:
             raise SceneError(f"{name} takes no base {self.scene.base.name} here: black or Lambertian alone")

@@ -130,9 +130,9 @@ def make_markdown_table(header: Sequence[str], rows: Iterable[Sequence[str]]) ->
     return "\n".join([texts[0], "|" + "---|" * len(header), *texts[1:]]) + "\n"
 
 
-def make_command(name: str, told: str, *examples: tuple[str, str]) -> Parser:
-    """The parser of ``python -m bench.NAME``; ``told`` says in one line what comes of it."""
-    command = Parser(prog=f"python -m bench.{name}", description=f"{told[0].upper()}{told[1:]}.")
+def make_command(name: str, purpose: str, *examples: tuple[str, str]) -> Parser:
+    """The parser of ``python -m bench.NAME``; ``purpose`` says in one line what comes of it."""
+    command = Parser(prog=f"python -m bench.{name}", description=f"{purpose[0].upper()}{purpose[1:]}.")
     command.examples = examples
     return command
 

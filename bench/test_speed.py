@@ -85,10 +85,10 @@ TABLE = """
 before, mu = peak(), np.linspace(0.05, 1.0, 90)
 done = []
 
-def told(steps, all_steps):
+def report(steps, all_steps):
     done.append(steps / all_steps)
 
-table = vrte.brdf(scene, mu, mu, np.arange(181.0), nodes=40, threads=2, progress=told)
+table = vrte.brdf(scene, mu, mu, np.arange(181.0), nodes=40, threads=2, progress=report)
 stages = table.diagnostics["stages"]
 print(peak() - before - table.mueller.nbytes / 2**20)
 print(stages["fourier sum"]["wall_seconds"], stages["single scattering"]["wall_seconds"])

@@ -56,7 +56,7 @@ def make_method(name: str, settings: dict[str, Any], tolerance: float, most: flo
     def takes(_: str, problem: Problem) -> bool:
         scene = problem.scene
         return (
-            (method.interfaces != "none" or not scene.keeps_beams)
+            (method.interfaces != "none" or not scene.needs_beam_paths)
             and not scene.is_rough
             and scene.thickness <= most
             and problem.nodes > 1
@@ -155,7 +155,7 @@ def test_light_is_right(name: str, way: str) -> None:
         pairs += [(table.reflectance, right.reflectance)]
         if problem.scene.base is None and table.transmission is not None:
             pairs += [(table.transmission, azimuthal_sum(right.transmitted, AZIMUTHS))]
-            if problem.scene.keeps_beams:
+            if problem.scene.needs_beam_paths:
                 pairs += [(table.specular_transmission, right.specular_transmission)]
         for found, expected in pairs:
             found = np.zeros_like(expected) if found is None else found  # nothing is refracted
@@ -216,7 +216,7 @@ def test_light_keeps_the_laws(name: str, way: str) -> None:
     lost = np.abs(np.diff(net)) if problem.is_white else np.maximum(np.diff(net), 0.0)
     if problem.reflects_everything:
         lost = np.append(lost, np.abs(net[0]))
-    rounding = 1e-12 if problem.scene.keeps_beams else 2 * problem.nodes * 2.0**-53
+    rounding = 1e-12 if problem.scene.needs_beam_paths else 2 * problem.nodes * 2.0**-53
     assert lost.max(initial=0.0) <= (rounding if WAYS[way].conserves else WAYS[way].tolerance)
 
 

@@ -202,7 +202,7 @@ def field_of(scene: vrte.Scene, **how: object) -> vrte.Field:
 def converge(name: str) -> vrte.Field:
     """The exact method's field, far beyond what is asked for."""
     scene = CONTINUOUS[name]
-    return field_of(scene, **({"nodes": 40} if scene.keeps_beams else {"accuracy": 1e-12}))
+    return field_of(scene, **({"nodes": 40} if scene.needs_beam_paths else {"accuracy": 1e-12}))
 
 
 @pytest.mark.parametrize("accuracy", [1e-2, 1e-4, pytest.param(1e-6, marks=pytest.mark.slow)])
@@ -211,7 +211,7 @@ def converge(name: str) -> vrte.Field:
 def test_accuracy(method: str, name: str, accuracy: float) -> None:
     """Of the continuous problem, relative to the largest I at each depth, on nodes chosen for it."""
     scene = CONTINUOUS[name]
-    if scene.keeps_beams and method not in TAKES_INTERFACES:
+    if scene.needs_beam_paths and method not in TAKES_INTERFACES:
         pytest.skip("not claimed")
     found = field_of(scene, method=method, accuracy=accuracy)
     right = converge(name).stokes

@@ -147,7 +147,7 @@ def find_beams(request: Request) -> dict[str, Array]:
     scene, into = request.scene, request.mu0
     direct = np.zeros((2, into.size, 2, 4, 4))
     through = np.exp(-scene.thickness / into)
-    if scene.keeps_beams:
+    if scene.needs_beam_paths:
         ends = slice(1 + bool(np.isfinite(scene.thickness)))
         depths = locate_depths(scene, np.array([0.0, scene.thickness])[ends], np.array([False, True])[ends])
         found = find_direct_light(scene, into, depths)

@@ -37,7 +37,7 @@ def find_net_fluxes(request: Request, solution: Solution) -> Array:
     net, columns = solution.flux_down - solution.flux_up, request.columns
     if request.kind != "brdf":
         net, columns = net.sum(axis=-1, keepdims=True), columns.sum(axis=0, keepdims=True)
-    if scene.keeps_beams:
+    if scene.needs_beam_paths:
         beams = find_direct_light(scene, mu0, locate_depths(scene, tau, find_under(request)))[..., 0, :] @ columns.T
         beam = beams[:, :, 1] - beams[:, :, 0]
     else:

@@ -107,7 +107,7 @@ def make_field(
     """The field of a solution and its derivatives; ``alone``: without the axis of beams; ``progress`` of photons."""
     warn_of_negative(request, solution.parts[0].swapaxes(0, 1)[..., 0, 0], solution.diagnostics)
     index = None
-    if request.scene.keeps_beams:
+    if request.scene.needs_beam_paths:
         index = locate_depths(request.scene, request.tau, find_under(request)).medium(request.scene.media)
     if request.illuminate == "bottom" and request.mu is not None:
         directions = -directions
@@ -120,7 +120,7 @@ def make_field(
 
     def find(asked: Request) -> dict[str, Array]:
         direct, direct_up = find_beams(asked)
-        return {"direct": direct[beam]} | ({"direct_up": direct_up[beam]} if asked.scene.keeps_beams else {})
+        return {"direct": direct[beam]} | ({"direct_up": direct_up[beam]} if asked.scene.needs_beam_paths else {})
 
     arrays: dict[str, Any] = gather(request, solution) | find(request)
     jacobians = collect_jacobians(FIELD_DERIVATIVES, arrays.keys(), request, derivatives, gather, find)
@@ -154,7 +154,7 @@ def find_beams(request: Request) -> Array:
     """Fluxes of beams that go on from the lit side, and that come back, (2, n_in, n_tau)."""
     incident, beams = request.incident, request.mu0[:, None]
     assert incident is not None
-    if not request.scene.keeps_beams:
+    if not request.scene.needs_beam_paths:
         down = beams * incident[0] * np.exp(-request.tau / beams)
         return np.stack([down, np.zeros_like(down)])
     depths = locate_depths(request.scene, request.tau, find_under(request))

@@ -92,7 +92,7 @@ class Sight:
     def follow_beams(self, scene: Scene) -> Array:
         """Shares (2, beam) that are mirrored, and get through, as beams; ``scene`` as it is lit from above."""
         mu, found = np.array([*self.beams]), np.zeros((2, len(self.beams)))
-        if mu.size and not scene.keeps_beams:
+        if mu.size and not scene.needs_beam_paths:
             found[1] = np.exp(-scene.thickness / mu)
         elif mu.size:
             ends = np.array([0.0, scene.thickness])[: 1 + bool(np.isfinite(scene.thickness))]

@@ -37,7 +37,7 @@ def solve_plans(plans: Sequence[Plan], run: Run, progress: Progress | None = Non
     """The solutions of plans for one backend, together where its engine takes many; a plan's two parts joined."""
     flat = [part for plan in plans for part in plan.parts or (plan,)]
     solutions: dict[int, Solution] = {}
-    kinds = [(plan.request.scene.keeps_beams, plan.request.scene.has_flakes) for plan in flat]
+    kinds = [(plan.request.scene.needs_beam_paths, plan.request.scene.has_flakes) for plan in flat]
     for refracts, oriented in sorted(set(kinds)):
         indices = [index for index, kind in enumerate(kinds) if kind == (refracts, oriented)]
         if indices:

@@ -61,7 +61,7 @@ def propagator(scene: Scene, order: int = 0, nodes: int = NODES) -> Array:
     order, nodes = check_whole("order", order, 0, 2 * MOST_NODES), check_whole("nodes", nodes, 1, MOST_NODES)
     if scene.base is not None or np.isinf(scene.thickness):
         raise SceneError("the propagator (2:9) is that of layers which end, without a base")
-    if scene.keeps_beams:
+    if scene.needs_beam_paths:
         raise SceneError("the propagator (2:9) is that of layers in one medium, without interfaces")
     if scene.has_flakes:
         raise SceneError("the propagator (2:9) is that of particles: a layer has oriented flakes")
@@ -127,7 +127,7 @@ def limit_starting_thickness(on_nodes: OnNodes, thin: float) -> float:
     """Largest optical thickness of the starting layer: ``thin`` along the lowest cosine of nodes and beams, and between
     interfaces along the lowest cosine of outgoing directions as well, which mirrored light of every node takes."""
     media = on_nodes.problem.media
-    mirrors = media is not None and media.scene.keeps_beams
+    mirrors = media is not None and media.scene.needs_beam_paths
     lowest = min(float(on_nodes.columns.min()), float(on_nodes.rows.min()) if mirrors else math.inf)
     return thin * max(LOWEST, lowest)
 

@@ -117,8 +117,8 @@ class Scene:
         return any(interface and not interface.is_smooth for interface in self.interfaces)
 
     @cached_property
-    def keeps_beams(self) -> bool:
-        """Whether beams are to be followed on their way: refracted, mirrored by the base, or attenuated by flakes."""
+    def needs_beam_paths(self) -> bool:
+        """Whether a beam is refracted, mirrored by the base or attenuated by flakes on its way."""
         return self.has_interfaces or self.below.keeps_beams or self.has_flakes
 
     @property

@@ -176,11 +176,11 @@ def solve_group(
     tasks: Sequence[Task],
     group: list[Piece],
     run: Run,
-    told: Callable[[int], None] = lambda done: None,
+    report: Callable[[int], None] = lambda done: None,
 ) -> None:
     """Solves pieces that go together and notes what was found with their tasks; orders in doubt are solved again."""
     again = []
-    for piece, answer in zip(group, engine.solve(group, run, told), strict=True):
+    for piece, answer in zip(group, engine.solve(group, run, report), strict=True):
         task = tasks[piece.place]
         if answer.doubts:
             again.append(make_second_try(engine, piece, answer))

@@ -112,16 +112,16 @@ class Adding(Protocol):
     def piece_bytes(self) -> float:
         """Of a result that is added up at a time."""
 
-    def add_up(self, sums: Sequence[Sum], run: Run, told: Callable[[int], None]) -> None:
-        """Adds the sums over Fourier orders, (1:6)-(1:8), and single scattering to all parts of all results; told(k)
+    def add_up(self, sums: Sequence[Sum], run: Run, report: Callable[[int], None]) -> None:
+        """Adds the sums over Fourier orders, (1:6)-(1:8), and single scattering to all parts of all results; report(k)
         is called when k pieces of them are done."""
 
 
 def fill_parts(
-    target: Target, lights: Sequence[Light], engine: Adding, run: Run, told: Callable[[int], None] = lambda done: None
+    target: Target, lights: Sequence[Light], engine: Adding, run: Run, report: Callable[[int], None] = lambda done: None
 ) -> list[Array]:
     """The radiance of every part that is wanted, (n_level, n_in, n_mu, n_phi, 4, n_place): see `fill_results`."""
-    (parts,) = fill_results([(target, lights)], engine, run, told)
+    (parts,) = fill_results([(target, lights)], engine, run, report)
     return parts
 
 
@@ -129,16 +129,16 @@ def fill_results(
     lit: Sequence[tuple[Target, Sequence[Light]]],
     engine: Adding,
     run: Run,
-    told: Callable[[int], None] = lambda done: None,
+    report: Callable[[int], None] = lambda done: None,
 ) -> list[list[Array]]:
     """The radiance of every part of many results, (n_level, n_in, n_mu, n_phi, 4, n_place) each.
 
     An engine adds up Fourier orders and single scattering; light of the forward peak and the beam reflected by the base
-    come from the processor. told(k) is called when the engine is done with k pieces.
+    come from the processor. report(k) is called when the engine is done with k pieces.
     """
     sums = [prepare_sum(target, lights, run) for target, lights in lit]
     seen = [result for result in sums if any(part.rows.size for part in result.parts)]  # else fluxes alone
-    engine.add_up(seen, run, told)
+    engine.add_up(seen, run, report)
     for result in seen:
         adders, n_phi = prepare_rest(result, choose_sum_threads(result, run)), result.target.azimuths.phi.size
         for first, last in split_into_pieces(result.target.wanted, n_phi, engine.piece_bytes):

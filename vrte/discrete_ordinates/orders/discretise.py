@@ -66,7 +66,7 @@ def discretise_scenes(
         )
         layers = [mix(*each) for each in zip(scene.layers, layers, oriented, strict=True)]
     media = None
-    if scene.keeps_beams:
+    if scene.needs_beam_paths:
         shared = make_refracted_nodes(scene.media, nodes, grading, scene.indices)
         points, weights = shared.carried(max(scene.media))
         sides = np.zeros(tau.shape[1], bool) if under is None else under

@@ -59,7 +59,7 @@ def choose_by_rule(scene: Scene, mu0: Array, mu: Array, tau: Array, nodes: int, 
         return Truncation("none", f"auto: the nodes carry all of the {longest} terms", *NAMED["none"])
     name, spread = "delta-m", "none"
     reasons = [f"auto: {longest} terms, the nodes carry {carried}"]
-    if not scene.keeps_beams and (mu < 0.0).any() and is_beam_seen(scene, float(mu0.max()), tau, nodes, accuracy):
+    if not scene.needs_beam_paths and (mu < 0.0).any() and is_beam_seen(scene, float(mu0.max()), tau, nodes, accuracy):
         name, spread = f"{name}, small-angle for light going down", "down"
         reasons.append("going up, delta-m is reciprocal and as good; near the beam it is not")
     return Truncation(name, "; ".join(reasons), "all", spread)
@@ -119,7 +119,7 @@ def has_unpolarized_peak(scene: Scene, nodes: int) -> bool:
 
 def is_scalar(scene: Scene) -> bool:
     """True where polarized light matters nowhere: no layer scatters it and the base does not reflect it."""
-    return not (scene.below.mixes_stokes or scene.keeps_beams) and all(
+    return not (scene.below.mixes_stokes or scene.needs_beam_paths) and all(
         layer.phase_matrix.is_scalar for layer in scene.layers
     )
 

@@ -23,14 +23,13 @@ _lock = threading.Lock()
 
 
 def name_request(request: Request, run: Run) -> tuple[Any, ...] | None:
-    """What two requests with the same plan have in common; None for those that are not worth to be kept.
-
-    A scene is itself alone: another one like it is planned anew. What would take much memory is not kept, nor what
-    depends on a function of a user's, nor a choice of nodes, which has things to say.
-    """
+    """What two requests with the same plan have in common, their scene itself among it; None where a plan is not kept:
+    of much memory, of a user's function, or with a choice of nodes, which has things to say."""
     scene = request.scene
     terms = sum(layer.phase_matrix.terms for layer in scene.layers)
-    if request.nodes is None or request.mu is None or request.settings or scene.below.is_uneven or scene.keeps_beams:
+    if request.nodes is None or request.mu is None or request.settings:
+        return None
+    if scene.below.is_uneven or scene.needs_beam_paths:
         return None
     if terms * (request.nodes + len(scene.layers)) + request.mu.size + request.mu0.size > MOST_NUMBERS:
         return None

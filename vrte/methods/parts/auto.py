@@ -70,7 +70,7 @@ def find_rule(request: Request) -> tuple[int, Rule]:
 def count_special_wishes(request: Request) -> float:
     """The number of things asked for besides scene, directions and accuracy, or beyond what rules were tried on."""
     scene, chosen = request.scene, (request.algorithm != "auto", request.truncation != "auto")
-    bases = request.mu is None, scene.below.orders_reflected > 1, scene.keeps_beams, scene.has_flakes
+    bases = request.mu is None, scene.below.orders_reflected > 1, scene.needs_beam_paths, scene.has_flakes
     return float(sum((*chosen, *bases, request.verify, request.backend.needs_device)))
 
 

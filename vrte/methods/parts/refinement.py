@@ -96,7 +96,7 @@ def estimate_error(differences: dict[int, float], scene: Scene) -> float:
     fall steadily, else a tenth of the one before at least: two counts may agree by chance."""
     before, last = [np.inf, np.inf, *differences.values()][-2:]
     thinnest = min(find_scattering_thickness(scene).values(), default=np.inf)
-    if scene.keeps_beams or scene.is_rough:
+    if scene.needs_beam_paths or scene.is_rough:
         even = has_mirrored_horizon(scene) and len(scene.layers) == 1 and not scene.is_rough
         even = even and max(differences, default=0) >= PANELS  # on 8 one was off by more than the last difference
         thinnest = thinnest / DEEP if even else 0.0

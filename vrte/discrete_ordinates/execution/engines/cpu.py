@@ -73,17 +73,17 @@ class Processor:
         refracted = any(piece.problem.media is not None for piece in pieces)
         return ([piece] for piece in pieces) if refracted or len(pieces) < 2 else iter([list(pieces)])
 
-    def solve(self, pieces: list[Piece], run: Run, told: Callable[[int], None]) -> list[Answer]:
+    def solve(self, pieces: list[Piece], run: Run, report: Callable[[int], None]) -> list[Answer]:
         """A few orders at a time to bound memory: each few by one thread where there are enough for all, otherwise
         piece by piece by all threads together."""
         jobs = cut_into_jobs(pieces, run)
         if jobs:
             ahead = list(itertools.accumulate(job.orders.size for job in jobs))
-            found = run_jobs(run, [job.solve for job in jobs], lambda done: told(ahead[done - 1]))
+            found = run_jobs(run, [job.solve for job in jobs], lambda done: report(ahead[done - 1]))
             parts = [[part for job, part in zip(jobs, found, strict=True) if job.piece is each] for each in pieces]
             return [make_answer(piece, *join_found(part)) for piece, part in zip(pieces, parts, strict=True)]
         if are_for_one_call(pieces, run):
-            return solve_in_one_call(pieces, run, told)
+            return solve_in_one_call(pieces, run, report)
         answers: list[Answer] = []
         before = 0
         for piece in pieces:
@@ -94,7 +94,7 @@ class Processor:
                 continue
             own = choose_threads(run, piece.problem, piece.orders)
             asked = piece.problem, piece.block.base, piece.orders, piece.name, own, piece.plan.accuracy
-            answers.append(make_answer(piece, *solve_orders(*asked, partial(tell_more, told, before))))
+            answers.append(make_answer(piece, *solve_orders(*asked, partial(tell_more, report, before))))
             before += piece.orders.size
         return answers
 
@@ -149,7 +149,7 @@ class Processor:
 
         return add
 
-    def add_up(self, sums: Sequence[Sum], run: Run, told: Callable[[int], None]) -> None:
+    def add_up(self, sums: Sequence[Sum], run: Run, report: Callable[[int], None]) -> None:
         """Result after result, piece by piece in place."""
         done = 0
         for result in sums:
@@ -161,11 +161,11 @@ class Processor:
             if of.kernels is _core and 1 < of.threads <= target.wanted.scale.size:
                 ends = [part for piece in pieces for part in split_evenly(*piece, SHARES * of.threads)]
                 jobs = [partial(add_shares, adders, [Share(part, *each) for part in result.parts]) for each in ends]
-                run_jobs(of, jobs, partial(tell_part, told, done, len(pieces), len(jobs)))
+                run_jobs(of, jobs, partial(tell_part, report, done, len(pieces), len(jobs)))
             else:
                 for index, (first, last) in enumerate(pieces, done + 1):
                     add_shares(adders, [Share(part, first, last) for part in result.parts], of)
-                    told(index)
+                    report(index)
             done += len(pieces)
 
 
@@ -189,17 +189,17 @@ def add_shares(adders: Sequence[Adder], shares: Sequence[Share], run: Run) -> No
             add(share, run)
 
 
-def tell_part(told: Callable[[int], None], before: int, pieces: int, jobs: int, done: int) -> None:
+def tell_part(report: Callable[[int], None], before: int, pieces: int, jobs: int, done: int) -> None:
     """Says how many pieces are done, after so many of the jobs that they are cut into."""
-    told(before + done * pieces // jobs)
+    report(before + done * pieces // jobs)
 
 
 Found = tuple[IntArray, Orders | None, dict[int, str]]  # see `solve_orders`
 
 
-def tell_more(told: Callable[[int], None], before: int, done: int) -> None:
+def tell_more(report: Callable[[int], None], before: int, done: int) -> None:
     """Says that so many are done, and others before them."""
-    told(before + done)
+    report(before + done)
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,7 +249,7 @@ def solve_orders(
     name: str,
     run: Run,
     accuracy: float,
-    told: Callable[[int], None] = lambda done: None,
+    report: Callable[[int], None] = lambda done: None,
 ) -> Found:
     """Orders by the named algorithm, a few at a time to bound memory: which of them it verifies, what it found for
     them, with the fluxes of the first, and what is wrong with each of the others."""
@@ -258,7 +258,7 @@ def solve_orders(
     found = []
     for first in range(0, orders.size, step):
         found.append(try_orders(route, orders[first : first + step], run))
-        told(min(first + step, orders.size))
+        report(min(first + step, orders.size))
     return join_found(found)
 
 
@@ -272,7 +272,7 @@ def are_for_one_call(pieces: Sequence[Piece], run: Run) -> bool:
     )
 
 
-def solve_in_one_call(pieces: Sequence[Piece], run: Run, told: Callable[[int], None]) -> list[Answer]:
+def solve_in_one_call(pieces: Sequence[Piece], run: Run, report: Callable[[int], None]) -> list[Answer]:
     """The answers of these; a piece in doubt is solved by itself, which says why. Of many scenes whoever asks looks at
     the residuals of each."""
     asked = [(piece.problem, piece.block.base, piece.orders, piece.block.wanted) for piece in pieces]
@@ -283,7 +283,7 @@ def solve_in_one_call(pieces: Sequence[Piece], run: Run, told: Callable[[int], N
             answers.append(make_answer(piece, *solve_orders(*own)))
         else:
             answers.append(make_answer(piece, piece.orders, found, {}))
-    told(sum(piece.orders.size for piece in pieces))
+    report(sum(piece.orders.size for piece in pieces))
     return answers
 
 

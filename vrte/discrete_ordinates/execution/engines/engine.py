@@ -90,8 +90,8 @@ class Engine(Adding, Protocol):
     def grouped(self, pieces: Sequence[Piece]) -> Iterator[list[Piece]]:
         """Pieces that are solved in one call, as many as there is room for; in halves where one is too large."""
 
-    def solve(self, pieces: list[Piece], run: Run, told: Callable[[int], None]) -> list[Answer]:
-        """Assembly and one of the algorithms for all orders of a group; told(k) is called when k of them are done."""
+    def solve(self, pieces: list[Piece], run: Run, report: Callable[[int], None]) -> list[Answer]:
+        """Assembly and one of the algorithms for all orders of a group; report(k) is called when k of them are done."""
 
     def failure(self, piece: Piece, order: int, reason: str) -> str:
         """What to tell of an order that no algorithm of this engine can verify."""

@@ -170,7 +170,7 @@ class Device:
                 used += size
             yield taken
 
-    def solve(self, pieces: list[Piece], run: Run, told: Callable[[int], None]) -> list[Answer]:
+    def solve(self, pieces: list[Piece], run: Run, report: Callable[[int], None]) -> list[Answer]:
         """All orders of all pieces of a group."""
         found, allowed = self.find(pieces, run), self.find_allowed(pieces[0])
         answers, first = list[Answer](), 0
@@ -207,7 +207,7 @@ class Device:
         reported: dict[str, Any] = {"device": find_chosen_device().name, "precision": precision, "precision_rule": rule}
         return reported | {"traffic": asdict(self.session.traffic.since(self.before))}
 
-    def add_up(self, results: Sequence[Sum], run: Run, told: Callable[[int], None]) -> None:
+    def add_up(self, results: Sequence[Sum], run: Run, report: Callable[[int], None]) -> None:
         """As the processor does, with the device's stages; single scattering always in doubles, by the processor where
         the device has none."""
         doubles, room, calls = self.in_doubles, self.piece_bytes, WaitingCalls(run)
@@ -220,7 +220,7 @@ class Device:
         def advance(done: int) -> None:
             if calls.size >= min(TOGETHER, room):
                 calls.perform()
-            told(done)
+            report(done)
 
         Processor(piece_bytes=room).add_up(results, replace_unchecked(run, kernels=stages), advance)
         calls.perform()
