@@ -84,6 +84,9 @@ CORE = list_faults(
 DEVICE = list_faults(
     ("device-beam", "cl/doubling.cl", "ld + i] = -total;", "ld + i] = total;",
      "sign of the beam's source on a device", "engines"),
+    ("device-argument", "cl/building.py", "sizes, found = read_declared()[name], d",
+     "sizes, found = read_declared()[name][::-1], d",
+     "arguments of a kernel in another order than it has them", "opencl_kernels"),
     ("device-memory", "cl/errors.py", "SHARE = 0.9", "SHARE = 90.0",
      "more than a device's memory is asked for", "opencl_device"),
 )  # fmt: skip

@@ -31,7 +31,7 @@ session.SOURCES = ("cl/probe.cl",)
 
 def compute(opened):
     values = opened.upload(np.array([3.0, 1.0]))
-    opened.launch("probe", (1,), values, 5)
+    opened.launch("probe", (1,), turns=5, x=values)
     assert opened.download(values).tolist() == [7.0, 5.0]
 """
 COMPUTE = f"{BEGIN}\ncompute(device.session())\nprint('right')\n"
@@ -265,7 +265,8 @@ class TestProcesses:
         home = tmp_path / "home"
         home.mkdir()
         hurry = COMPUTE.replace("compute(device.session())", "device.session().zeros((1,))").replace(
-            "print(", "opened = device.session(); opened.launch('probe', (1,), opened.upload(np.ones(2)), 5); print("
+            "print(",
+            "opened = device.session(); opened.launch('probe', (1,), turns=5, x=opened.upload(np.ones(2))); print(",
         )
         assert compute(home, hurry) == ""
         assert compute(home) == ""

@@ -18,7 +18,7 @@ import pytest
 import vrte
 from vrte import cli
 from vrte.basics.errors import DeviceError, MissingExtraError
-from vrte.cl import building, device, drivers, probe
+from vrte.cl import building, device, drivers, matrices, probe
 from vrte.cl import session as sessions
 from vrte.cl.device import Device, choose
 from vrte.cl.errors import check_room
@@ -344,10 +344,10 @@ def test_each_failure_in_one_sentence(alone: dict[str, Any]) -> None:
 def test_after_a_lost_device_the_next_call_starts_anew(reopening: dict[str, Any]) -> None:
     """And one that is lost fails one test; an array that is too large is said."""
     first = device.session()
-    assert first.kernels["product"]  # made, with its work-groups, before it fails
-    first.kernels["product"] = raising("clEnqueueNDRangeKernel", "DEVICE_NOT_AVAILABLE")
+    assert first.kernels["invert"]  # made, with its work-groups, before it fails
+    first.kernels["invert"] = raising("clEnqueueNDRangeKernel", "DEVICE_NOT_AVAILABLE")
     with pytest.raises(DeviceError, match="was lost"), device.raise_device_errors():
-        first.launch("product", (1,))
+        matrices.invert(first, matrices.make_stack(first, 1, 3, 3))
     second = working_session()
     assert working_session() is second is not first
     second.__dict__["download"] = raising("clEnqueueReadBuffer", "DEVICE_NOT_AVAILABLE")
@@ -374,14 +374,14 @@ def test_room_is_looked_for_before() -> None:
 
 def test_what_a_compiler_says(opencl: Session, monkeypatch: pytest.MonkeyPatch) -> None:
     """A warning passes; an error, and kernels that it left out, are told in one sentence."""
-    text = '#warning "look here"\n__kernel void fine(__global double* x) { x[0] = 1.0; }\n'
+    text = '#warning "look here"\n#define real double\n__kernel void probe(TAKES_probe) { x[0] = turns; }\n'
     monkeypatch.setattr(sessions, "read_sources", lambda *_: text)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         opened = open_session(opencl.device)
-    values = opened.zeros((1,))
-    opened.launch("fine", (1,), values)
-    assert opened.download(values) == [1.0]
+    values = opened.zeros((2,))
+    opened.launch("probe", (1,), turns=3, x=values)
+    assert opened.download(values).tolist() == [3.0, 0.0]
     broken = "__kernel void broken(__global doubel* x) { x[0] = 1; }\n" * 40
     monkeypatch.setattr(sessions, "read_sources", lambda *_: broken)
     with pytest.raises(DeviceError, match=r"the kernels do not compile on .*error.*doubel") as raised:

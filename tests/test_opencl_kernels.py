@@ -7,6 +7,7 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+import pyopencl
 import pytest
 
 import vrte
@@ -14,9 +15,10 @@ from bench.cases import find_scene
 from vrte import _core
 from vrte.basics.running import Run, ThreadTeam
 from vrte.cl import assembly, invariance
+from vrte.cl.building import KERNEL, arrange, read_declared, write_parameters
 from vrte.cl.doubling import double_slabs as double_on_device
 from vrte.cl.matrices import Stack, download_stack, invert, make_stack, multiply_stacks, upload_stack
-from vrte.cl.session import Session, Traffic
+from vrte.cl.session import OPTIONS, Session, Traffic, read_sources
 from vrte.discrete_ordinates.execution.engines import opencl as engine
 from vrte.discrete_ordinates.orders.doubling import Slabs, double_slabs
 from vrte.discrete_ordinates.orders.phase_assembly import assemble
@@ -159,6 +161,53 @@ def test_invariance_takes_the_steps_that_the_core_takes(either_width: Session, t
         assert_close(found[name], expected[name], rtol=0.0, atol=1e-11 * np.abs(expected[name]).max())
         assert not found[name][-1].any()
         assert albedo or not found[name].any()
+
+
+def test_kernels_take_what_is_declared(opencl: Session) -> None:
+    """Names and types of each kernel's parameters, as the driver has compiled them, in the order of a launch."""
+    info, qualifiers = pyopencl.kernel_arg_info, pyopencl.kernel_arg_type_qualifier
+    text = write_parameters() + read_sources()
+    program = pyopencl.Program(opencl.context, text).build([*OPTIONS, "-D", "LANES=1", "-cl-kernel-arg-info"])
+    assert {"probe", *KERNEL.findall(read_sources())} == read_declared().keys()
+    for name, taken in read_declared().items():
+        if name == "probe":  # of a program of its own
+            continue
+        kernel = pyopencl.Kernel(program, name)
+        found, wanted = [], []
+        for k in range(kernel.num_args):
+            found.append((kernel.get_arg_info(k, info.NAME), kernel.get_arg_info(k, info.TYPE_NAME)))
+            constant = kernel.get_arg_info(k, info.TYPE_QUALIFIER) & qualifiers.CONST
+            assert bool(constant) == any(
+                each.name == found[k][0] and not each.writes
+                for each in taken
+                if each.form in ("double", "int") and each.dims
+            ), (name, found[k])
+        for each in taken:
+            kind = {"int": "int", "Slab": "Slab", "whole": "int", "flag": "int"}.get(each.form, "double")
+            wanted.append((each.name, kind + "*" * bool(each.dims)))
+            if each.form in ("stack", "overlapping"):
+                wanted += [
+                    (f"{each.name}_{part}", of) for part, of in (("first", "long"), ("ld", "int"), ("stride", "long"))
+                ]
+        assert found == wanted, name
+
+
+@pytest.mark.parametrize(
+    ("given", "kind", "message"),
+    [
+        ({"M": (2, 3, 3), "info": (3,)}, ValueError, r"invert: info must have the shape \(n_item 2\), not \(3,\)"),
+        ({"M": (2, 3), "info": (2,)}, ValueError, r"M must have the shape \(n_item 2, n 3, n 3\), not \(2, 3\)"),
+        ({"M": (2, 3, 3), "info": (2,), "n": 4}, ValueError, "n must be 3, not 4"),
+        ({"M": (2, 3, 3)}, TypeError, "invert needs info"),
+        ({"M": (2, 3, 3), "info": (2,), "N": (1,)}, TypeError, "invert does not take N"),
+    ],
+)
+def test_arguments_of_kernels_are_checked(given: dict[str, Any], kind: type[Exception], message: str) -> None:
+    found: dict[str, Any] = {
+        key: np.zeros(shape) if isinstance(shape, tuple) else shape for key, shape in given.items()
+    }
+    with pytest.raises(kind, match=message):
+        arrange("invert", {"rest": np.zeros((2, 48)), "pivots": np.zeros((2, 3), np.int32)}, found)
 
 
 def doubled(stack: SlabStack, orders: np.ndarray, kernels: Any) -> Slabs:

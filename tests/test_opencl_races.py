@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from vrte.cl.building import parse_argument_types
+from vrte.cl.building import KERNEL
 from vrte.cl.session import read_sources
 
 pytestmark = [
@@ -40,6 +40,6 @@ def test_memory(lanes: int, checked: str, tmp_path: Path) -> None:
     complaints = log.read_text() if log.exists() else ""
     assert not complaints.strip(), complaints[:3000]
     assert done.returncode == 0, done.stderr[-3000:]
-    kernels = {kind: {"probe", *parse_argument_types(read_sources(kind))} for kind in ("double", "single")}
+    kernels = {kind: {"probe", *KERNEL.findall(read_sources(kind))} for kind in ("double", "single")}
     wanted = {f"{name} {kind}" for kind, names in kernels.items() for name in names}
     assert set(json.loads(result.read_text())) == wanted

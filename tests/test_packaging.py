@@ -34,7 +34,7 @@ for name in ("py.typed", "_core.pyi", "core/constants.h", "cl/common.cl", "app/p
     assert importlib.resources.files("vrte").joinpath(name).is_file(), name
 from vrte.cl.session import read_sources
 assert vrte.material("hematite in acrylic", 0.55).host_index > 1.4
-assert "__kernel void product(" in read_sources()
+assert "KERNEL(LANES, product)" in read_sources()
 assert refractive_index("gold", 0.64).k > 3.0
 scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=1.0, thickness=0.5)])
 assert vrte.brdf(scene, mu_i=0.6, mu_o=[0.5, 1.0], nodes=4).mueller.shape == (1, 2, 1, 4, 4)

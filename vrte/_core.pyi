@@ -10,6 +10,7 @@ from vrte.basics.running import ThreadTeam
 
 HAS_OPENMP: bool
 CPU_VARIANT: str
+KERNELS: str
 
 # core/constants.h
 SEMI_INFINITE: float

@@ -32,14 +32,8 @@ void put_members(__global real* to, int members, real4 value)
         *to = value.w;
 }
 
-// What scatters in each item: its Fourier order and its material, of which there are coefficients (material, n_term, 6),
-// terms and albedo (material,).
-#define SCATTERING int n_term, int members, IN coefficients, INTS order, INTS material, INTS terms, IN albedo
-
-// What all directions of an item share: factors (item, n_term + 1, 4) of each step of Wigner's functions, lower and upper one
-// for k = 0, then for k = +-2; the starts' factors last. Pieces: items.
-SHARED
-__kernel void wigner_factors(int n_term, INTS order, OUT factors)
+// What all directions of an item share of Wigner's functions. Pieces: items.
+KERNEL(LANES, wigner_factors)
 {
     const long item = get_group_id(0);
     const int m = order[item];
@@ -51,15 +45,12 @@ __kernel void wigner_factors(int n_term, INTS order, OUT factors)
         PUT(factors, n_term) = (real4)(vrte_start_factor(m), vrte_polar_factor(m), 0.0, 0.0);
 }
 
-// phi: the columns of all degrees, E's and behind them F's; rows: the nodes' times sqrt(weight / mu), then the next ones,
-// then the last, each from a multiple of 8 on with zeros up to it; counts (item, 2): how many columns E and F have, none
-// where nothing is scattered. Pieces: `each` directions, items.
-SHARED
-__kernel void parity_columns(SCATTERING, int n_all, int n_node, int n_out, int each, IN mu, IN weights, IN factors,
-                             ALONE(phi), __global int* restrict counts)
+// The columns of P_l^m of an item. Pieces: `each` directions, items.
+KERNEL(LANES, parity_columns)
 {
     const long item = get_group_id(1);
-    const int m = order[item], stokes = popcount(members), begin_i = each * get_group_id(0);
+    const int m = order[item], members = bits, stokes = popcount(bits), begin_i = each * get_group_id(0);
+    __global const real* mu = directions;
     const int n_degree = albedo[material[item]] == 0.0 ? 0 : max(0, terms[material[item]] - m);
     const int few[2] = {columns_of_kind(m, members, 0), columns_of_kind(m, members, 1)};
     const int same = (n_degree + 1) / 2, other = n_degree / 2, columns_E = same * few[0] + other * few[1];
@@ -149,10 +140,8 @@ void multiply_by_coefficients(int m, int begin, int end, int members, int odd, r
     }
 }
 
-// psi = albedo phi B^T, F's columns odd_sign times. Pieces: `each` degrees, items.
-SHARED
-__kernel void times_coefficients(SCATTERING, int n_strip, int each, real v_sign, real odd_sign, INTS counts,
-                                 ALONE(phi), ALONE(psi))
+// psi = albedo phi B^T. Pieces: `each` degrees, items.
+KERNEL(LANES, times_coefficients)
 {
     const long item = get_group_id(1);
     const int m = order[item], begin = m + each * (int)get_group_id(0), end = min(terms[material[item]], begin + each);
@@ -161,19 +150,18 @@ __kernel void times_coefficients(SCATTERING, int n_strip, int each, real v_sign,
         return;
     for (int odd = 0; odd < 2; odd++) {
         const long column = first_column(counts, item, odd);
-        multiply_by_coefficients(m, begin, end, members, odd, odd ? odd_sign * factor : factor, v_sign,
+        multiply_by_coefficients(m, begin, end, bits, odd, odd ? odd_sign * factor : factor, v_sign,
                                  coefficients + material[item] * (long)6 * n_term, LANE, 2 * n_strip, LANES,
                                  OF_ITEM(phi) + column * phi_ld, phi_ld, OF_ITEM(psi) + column * psi_ld, psi_ld);
     }
 }
 
 // The diagonals 1/mu of E and F. Pieces: items.
-SHARED
-__kernel void add_rates(int n, int stokes, IN mu, ALONE(E), ALONE(F))
+KERNEL(LANES, add_rates)
 {
     const long item = get_group_id(0);
     SPREAD(i, 0, n) {
-        OF_ITEM(E)[(long)i * E_ld + i] += 1.0 / mu[i / stokes];
-        OF_ITEM(F)[(long)i * F_ld + i] += 1.0 / mu[i / stokes];
+        OF_ITEM(E)[(long)i * E_ld + i] += 1.0 / directions[i / stokes];
+        OF_ITEM(F)[(long)i * F_ld + i] += 1.0 / directions[i / stokes];
     }
 }

@@ -11,7 +11,7 @@ import numpy as np
 from vrte import _core
 from vrte.basics.running import ThreadTeam
 from vrte.cl.matrices import STRIP, Stack, download_stack, make_stack, multiply_stacks, pad_to_strips
-from vrte.cl.session import Placed, Session
+from vrte.cl.session import Session
 from vrte.cl.stages import stand_in_for
 
 DIRECTIONS_A_PIECE = 10  # directions per piece of work, or one a lane: some microseconds
@@ -19,11 +19,12 @@ DEGREES_A_PIECE = 20
 
 
 @dataclass(frozen=True, eq=False)
-class Scattering(Placed):
+class Scattering:
     """What scatters in each item, on the device: order, material (item,); coefficients (material, term, 6); terms,
-    albedo (material,); and the members of the Stokes vector, on the host."""
+    albedo (material,); and the members of the Stokes vector, on the host, also as the ``bits`` of a number."""
 
     members: tuple[int, ...]
+    bits: int
     order: Any
     material: Any
     coefficients: Any
@@ -45,12 +46,6 @@ class Scattering(Placed):
         """Degrees that there is room for."""
         return int(self.coefficients.shape[1])
 
-    @property
-    def place(self) -> tuple[Any, ...]:
-        """SCATTERING of assembly.cl, the members as bits of a number."""
-        bits = sum(1 << member for member in self.members)
-        return self.n_term, bits, self.coefficients, self.order, self.material, self.terms, self.albedo
-
 
 def upload_scattering(
     session: Session, order: Any, material: Any, coefficients: Any, terms: Any, albedo: Any, members: Any
@@ -58,7 +53,8 @@ def upload_scattering(
     """What phase matrices of the host are made of, on the device."""
     places = (session.constant(np.asarray(each, np.int32)) for each in (order, material))
     materials = (session.constant(each) for each in (coefficients, terms, albedo))
-    return Scattering(tuple(int(each) for each in members), *places, *materials)
+    members = tuple(int(each) for each in members)
+    return Scattering(members, sum(1 << member for member in members), *places, *materials)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,10 +104,11 @@ def compute_parity_columns(session: Session, what: Scattering, directions: Any, 
     rows = third + pad_to_strips(what.stokes * (n_all - n_node - n_out))
     phi = make_stack(session, what.items, rows, count_most_columns(what.members, what.n_term), bare=True)
     counts, factors = session.empty((what.items, 2), np.int32), session.empty((what.items, what.n_term + 1, 4))
-    session.launch("wigner_factors", (what.items,), what.n_term, what.order, factors)
-    each, cosines = max(DIRECTIONS_A_PIECE, session.lanes), (session.constant(directions), session.constant(weights))
-    arguments = what, n_all, n_node, n_out, each, *cosines, factors, phi, counts
-    session.launch("parity_columns", (-(-n_all // each), what.items), *arguments)
+    known = vars(what) | {"n_term": what.n_term, "factors": factors, "directions": directions, "weights": weights}
+    session.launch("wigner_factors", (what.items,), known)
+    each = max(DIRECTIONS_A_PIECE, session.lanes)
+    pieces = -(-n_all // each), what.items
+    session.launch("parity_columns", pieces, known, n_out=n_out, each=each, phi=phi, counts=counts)
     return Columns(phi, counts, (0, second, third))
 
 
@@ -119,9 +116,9 @@ def multiply_by_coefficients(
     session: Session, what: Scattering, counts: Any, phi: Stack, psi: Stack, v_sign: float = 1.0, odd_sign: float = 1.0
 ) -> None:
     """psi = albedo phi B^T; V's column of phi counts v_sign times, F's columns odd_sign times."""
-    each = DEGREES_A_PIECE
-    arguments = what, pad_to_strips(phi.rows) // STRIP, each, v_sign, odd_sign, counts, phi, psi
-    session.launch("times_coefficients", (-(-what.n_term // each), what.items), *arguments)
+    known = vars(what) | {"n_strip": pad_to_strips(phi.rows) // STRIP, "each": DEGREES_A_PIECE, "counts": counts}
+    pieces = -(-what.n_term // DEGREES_A_PIECE), what.items
+    session.launch("times_coefficients", pieces, known, v_sign=v_sign, odd_sign=odd_sign, phi=phi, psi=psi)
 
 
 def assemble(session: Session, what: Scattering, directions: Any, weights: Any, n_out: int) -> Assembled:
@@ -146,7 +143,7 @@ def assemble(session: Session, what: Scattering, directions: Any, weights: Any, 
         ):
             if made.rows and made.columns:
                 multiply_stacks(session, left, right, made, sign, 0.0, True, part, columns.counts)
-    session.launch("add_rates", (what.items,), n, what.stokes, session.constant(directions), E, F)
+    session.launch("add_rates", (what.items,), stokes=what.stokes, directions=directions, E=E, F=F)
     return Assembled(E, F, G_E, G_F, source_s, source_d)
 
 

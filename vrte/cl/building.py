@@ -1,41 +1,96 @@
-"""Kernels from their sources, with the types that their arguments have there."""
+"""Kernels from their sources, with the arguments that core/stages.toml declares: their order, types and shapes."""
 
+import json
 import re
 import warnings
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from functools import cache
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from vrte import _core
 from vrte.basics.errors import DeviceError
 from vrte.cl.caches import PYOPENCL, own_folder
 
-KERNEL = re.compile(r"^\s*__kernel\s+void\s+(\w+)\s*\(([^{;]*)\)\s*\{", re.MULTILINE)
-LISTS = re.compile(r"^#define ([A-Z_]+)(?:\(x\))? +((?:__global|IN|INTS|OUT|int|long) .*,.*)$", re.MULTILINE)
-MACRO = re.compile(r"\b([A-Z_]+)\b(\(\w+\))?")
-NUMBERS = {"int": np.int32, "long": np.int64}
+KERNEL = re.compile(r"^(?:__kernel void |KERNEL\(\w+, )(\w+)", re.MULTILINE)
+WHOLE = ("whole", "flag")
 COMPLAINT = re.compile(r"\berror\b")
 LONGEST = 300  # characters of a compiler's log quoted in a message
 
 
-def parse_argument_types(text: str, real: Any = np.float64) -> dict[str, list[Any]]:
-    """The kernels that a source defines, and the types of their arguments, None for memory; macros that stand for
-    several arguments are written out; ``real`` is what they call so.
+class Taken(NamedTuple):
+    """One argument of a kernel: its form and shape as stages.toml has them, and whether the kernel writes it."""
 
-    >>> source = "#define STACK(x) __global double* x, long x##_first\\n__kernel void fill(int n, STACK(a)) { }"
-    >>> parse_argument_types(source)
-    {'fill': [<class 'numpy.int32'>, None, <class 'numpy.int64'>]}
+    name: str
+    form: str
+    dims: list[str]
+    writes: bool
+
+    @property
+    def parameters(self) -> str:
+        """As the kernel's parameters, in C.
+
+        >>> Taken("M", "stack", ["n_item", "n", "n"], True).parameters
+        '__global real* restrict M, long M_first, int M_ld, long M_stride'
+        """
+        if not self.dims:
+            return f"{'int' if self.form in WHOLE else 'real'} {self.name}"
+        if self.form in ("stack", "overlapping"):
+            memory = f"__global real*{' restrict' * (self.form == 'stack')} {self.name}"
+            return f"{memory}, long {self.name}_first, int {self.name}_ld, long {self.name}_stride"
+        kind = "real" if self.form == "double" else self.form
+        return f"__global {'' if self.writes else 'const '}{kind}* restrict {self.name}"
+
+    def types(self, real: Any) -> list[Any]:
+        """Of those parameters, None for memory."""
+        if not self.dims:
+            return [np.int32 if self.form in WHOLE else real]
+        return [None, np.int64, np.int32, np.int64] if self.form in ("stack", "overlapping") else [None]
+
+
+@cache
+def read_declared() -> dict[str, list[Taken]]:
+    """What each kernel takes, by its name."""
+    return {name: [Taken(*each) for each in found] for name, found in json.loads(_core.KERNELS).items()}
+
+
+def write_parameters() -> str:
+    """Parameters of all kernels as macros, TAKES_ and the kernel's name."""
+    lines = [
+        f"#define TAKES_{name} {', '.join(each.parameters for each in taken)}"
+        for name, taken in read_declared().items()
+    ]
+    return "\n".join([*lines, ""])
+
+
+def arrange(name: str, known: Mapping[str, Any], given: Mapping[str, Any]) -> list[Any]:
+    """What is given, or else known, in the order that a kernel takes it, and sizes, which shapes tell.
+
+    Raises ValueError for a shape or a size that does not fit the others, TypeError for what is missing or not taken.
     """
-    text = text.replace("\\\n", " ")
-    lists = dict(LISTS.findall(text))
-    found, numbers = {}, NUMBERS | {"real": real}
-    for name, arguments in KERNEL.findall(text):
-        written_out = ""
-        while written_out != arguments:
-            written_out, arguments = arguments, MACRO.sub(lambda macro: lists.get(macro[1], macro[0]), arguments)
-        found[name] = [
-            None if "*" in argument else numbers.get(argument.split()[0]) for argument in written_out.split(",")
-        ]
+    taken, sizes, found = read_declared()[name], dict[str, int](), []
+    if strange := given.keys() - {each.name for each in taken}:
+        raise TypeError(f"{name} does not take {', '.join(sorted(strange))}")
+    values = {each.name: given.get(each.name, known.get(each.name)) for each in taken}
+    for each in taken:
+        shape = getattr(values[each.name], "shape", ())
+        if each.dims and values[each.name] is not None:
+            fitting = [
+                int(d) if d.isdecimal() else sizes.setdefault(d, n) for d, n in zip(each.dims, shape, strict=False)
+            ]
+            if len(shape) != len(each.dims) or list(shape) != fitting:
+                wanted = ", ".join(f"{d} {sizes.get(d, '')}".strip() for d in each.dims)
+                raise ValueError(f"{name}: {each.name} must have the shape ({wanted}), not {tuple(shape)}")
+    for each in taken:
+        value = values[each.name]
+        if value is None and not each.dims:
+            value = sizes.get(each.name)
+        if value is None and not (each.dims and each.name in given):
+            raise TypeError(f"{name} needs {each.name}")
+        if not each.dims and value != sizes.get(each.name, value):
+            raise ValueError(f"{name}: {each.name} must be {sizes[each.name]}, not {value}")
+        found.append(value)
     return found
 
 
@@ -46,14 +101,14 @@ class Kernels(dict[str, Any]):
 
     def __init__(self, program: Any, text: str, real: Any = np.float64) -> None:
         super().__init__()
-        self.program, self.types = program, parse_argument_types(text, real)
+        self.program, self.names, self.real = program, set(KERNEL.findall(text)), real
         self.groups: dict[str, tuple[int, ...]] = {}
 
     def __missing__(self, name: str) -> Any:
         import pyopencl
 
         self[name] = pyopencl.Kernel(self.program, name)
-        self[name].set_scalar_arg_dtypes(self.types[name])
+        self[name].set_scalar_arg_dtypes([kind for each in read_declared()[name] for kind in each.types(self.real)])
         asked = pyopencl.kernel_work_group_info.COMPILE_WORK_GROUP_SIZE
         device = self.program.devices[0]
         self.groups[name] = tuple(max(1, size) for size in self[name].get_work_group_info(asked, device))
@@ -68,7 +123,7 @@ def build_kernels(context: Any, text: str, options: Sequence[str], real: Any = n
     import pyopencl
 
     device = context.devices[0]
-    program = pyopencl.Program(context, text)
+    program = pyopencl.Program(context, write_parameters() + text)
     try:
         with warnings.catch_warnings():  # a compiler with something to say is none for whoever wants an answer
             warnings.simplefilter("ignore", pyopencl.CompilerWarning)
@@ -78,7 +133,7 @@ def build_kernels(context: Any, text: str, options: Sequence[str], real: Any = n
     except pyopencl.RuntimeError as error:
         raise DeviceError(build_message(device.name, str(error))) from error
     kernels = Kernels(program, text, real)
-    if missing := set(kernels.types) - set(made):
+    if missing := kernels.names - set(made):
         raise DeviceError(f"the compiler of {device.name} left out {', '.join(sorted(missing))}")
     return kernels
 

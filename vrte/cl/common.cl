@@ -39,11 +39,11 @@
 
 typedef real4 loose4 __attribute__((aligned(REAL_BYTES)));     // four that begin at any of them
 
-// A SHARED kernel's pieces of work are shared by LANES work-items each, a work-group, on a GPU; on a processor one work-item
-// does a piece. "Pieces" above such a kernel says how many a launch has. SPREAD: a lane's part of what is numbered first ..
+// KERNEL: what it takes is declared in core/stages.toml, by these names. Its pieces of work are shared by `lanes` work-items
+// each, a work-group: LANES on a GPU, one on a processor. "Pieces" above it says how many a launch has. SPREAD: a lane's part of what is numbered first ..
 // last - 1, neighbours to neighbours; TOGETHER: each lane sees what the others wrote, and all lanes meet there. Such loops are
 // short: as vectors they take PoCL twice as long to compile, and 1 to 3 % less time to run.
-#define SHARED __attribute__((reqd_work_group_size(LANES, 1, 1)))
+#define KERNEL(lanes, name) __attribute__((reqd_work_group_size(lanes, 1, 1))) __kernel void name(TAKES_##name)
 #define LANE ((int)get_local_id(0))
 #define SPREAD(i, first, last) _Pragma("clang loop vectorize(disable) interleave(disable)") \
     for (int i = (first) + LANE; i < (last); i += LANES)
@@ -82,12 +82,5 @@ real of_lanes(bool adding, real mine, __local real* shelf)
     return found;
 }
 
-// What kernels take for a stack of matrices and of vectors, ALONE: that no other argument leads to; where its item begins.
-#define STACK(x) __global real* x, long x##_first, int x##_ld, long x##_stride
-#define ALONE(x) __global real* restrict x, long x##_first, int x##_ld, long x##_stride
+// Where an item of a stack of matrices begins.
 #define OF_ITEM(x) (x + x##_first + item * x##_stride)
-
-// Memory that nothing else of a kernel leads to: what is read, and what is written.
-#define IN __global const real* restrict
-#define INTS __global const int* restrict
-#define OUT __global real* restrict

@@ -9,13 +9,6 @@ typedef struct {
     int from, turned, clear, conservative, left, carried, doublings, singular;
 } Slab;
 
-// What all slabs share: sqrt(weight mu) of the nodes, the root of the sum of its squares, the Householder vector that turns
-// it to the flux's axis, what the turned row of E there is without scattering; 1/mu of nodes, then outgoing rows, then
-// incident columns; Stokes vectors (n_col, S). room (item, 8 extended matrices).
-#define SLABS int n_col, SIZES, IN flux, real flux_size, IN v, IN clear_row, IN rates, IN columns, \
-    __global Slab* slabs, __global real* room, __global real* all_R, __global real* all_T, __global real* rest, \
-    __global int* pivots
-
 typedef struct {
     Sizes s;
     Slab slab;
@@ -29,9 +22,9 @@ typedef struct {
     __local real size[LANES], row[PANEL]; \
     __local int place[LANES]; \
     const long item = items[get_group_id(0)]; \
-    const Sizes s = {n, p, r, o, ld, stokes}; \
+    const Sizes s = make_sizes(n, n_rhs, n_out_rows, stokes); \
     const long each = size_extended(s); \
-    Work w = {s, slabs[item], room + item * 8 * each, all_R + item * each, all_T + item * each, \
+    Work w = {s, slabs[item], room + item * 8 * each, R + item * each, T + item * each, \
               {rest + item * (long)n * PANEL, pivots + item * n, {size, place, row}}, rates + n, {0.0}};
 #define CLOSE_SLAB \
     TOGETHER \
@@ -331,9 +324,7 @@ void clear_slab(const Work* w, __global const real* node_rates, __global const r
 }
 
 // E and F with their directions; what does not scatter is done at once. Pieces: items.
-SHARED
-__kernel void start_doubling(SLABS, ALONE(E), ALONE(F), ALONE(G_E), ALONE(G_F), ALONE(source_s), ALONE(source_d), OUT lost,
-                             INTS items)
+KERNEL(LANES, start_doubling)
 {
     OPEN_SLAB
     if (w.slab.clear) {
@@ -350,10 +341,8 @@ __kernel void start_doubling(SLABS, ALONE(E), ALONE(F), ALONE(G_E), ALONE(G_F), 
         turn_slab(&w, n_col, columns, v, clear_row, flux_size);
 }
 
-// A list of operations on each slab: 0, START, 1, at most so many times DOUBLE, 2, END. R, T, lost (item, n), residual
-// (item, 2). Pieces: items.
-SHARED
-__kernel void double_slabs(int which, int most, SLABS, OUT lost, OUT residual, INTS items)
+// A list of operations on each slab. Pieces: items.
+KERNEL(LANES, double_slabs)
 {
     OPEN_SLAB
     const int number = which == 0 ? LENGTH(START) : which == 1 ? LENGTH(DOUBLE) : LENGTH(END);

@@ -10,8 +10,8 @@ from vrte import _core
 from vrte.basics.arrays import Array
 from vrte.basics.running import ThreadTeam
 from vrte.cl.assembly import Assembled
-from vrte.cl.matrices import PANEL, pad_to_strips, upload_stack
-from vrte.cl.session import Placed, Session
+from vrte.cl.matrices import make_scratch, pad_to_strips, upload_stack
+from vrte.cl.session import Session
 from vrte.cl.stages import stand_in_for
 
 MATRICES = 8  # extended ones at work for each slab
@@ -21,7 +21,7 @@ INTEGERS = "from", "turned", "clear", "conservative", "left", "carried", "doubli
 
 
 @dataclass(frozen=True)
-class Sizes(Placed):
+class Sizes:
     """Of extended matrices, see extended.cl: n unknowns of a hemisphere, r incident columns, o outgoing rows, S Stokes
     parameters a direction."""
 
@@ -49,11 +49,6 @@ class Sizes(Placed):
     def numbers(self) -> int:
         """How many numbers an extended matrix takes, padding included."""
         return pad_to_strips(self.ld * (self.n + self.r) + self.o + self.r)
-
-    @property
-    def place(self) -> tuple[Any, ...]:
-        """The sizes, in the order of the kernels' arguments SIZES."""
-        return self.n, self.p, self.r, self.o, self.ld, self.stokes
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,18 +138,27 @@ def double(session: Session, frame: Frame, slabs: Any, matrices: Assembled, stop
     """R and T of all `describe_slabs`: some doublings a launch, until none is left."""
     s, count = frame.sizes, slabs.size
     v, clear_row = compute_householder_vector(frame)
-    flux, *others = (session.constant(each) for each in (frame.flux, v, clear_row, frame.rates, frame.columns))
     state = session.upload(slabs)
-    room = session.zeros((count, MATRICES, s.numbers))
     R, T, lost, residual = (session.zeros((count, size)) for size in (s.numbers, s.numbers, s.n, 2))
-    scratch = session.empty((count, PANEL * s.n)), session.empty((count, s.n), np.int32)
-    shared = frame.columns.shape[0], s, flux, frame.flux_size, *others, state, room, R, T, *scratch
+    known = make_scratch(session, count, s.n) | {
+        "slabs": state,
+        "room": session.zeros((count, MATRICES, s.numbers)),
+        "n_rhs": s.r,
+        "n_out_rows": s.o,
+        "stokes": s.stokes,
+        "n_col": frame.columns.shape[0],
+        "columns": frame.columns,
+        "rates": frame.rates,
+        "R": R,
+        "T": T,
+        "lost": lost,
+    }
     left = every = np.arange(count, dtype=np.int32)
-    given = matrices.E, matrices.F, matrices.G_E, matrices.G_F, matrices.source_s, matrices.source_d
-    session.launch("start_doubling", (count,), *shared, *given, lost, session.constant(every))
+    turning = {"flux": frame.flux, "flux_size": frame.flux_size, "v": v, "clear_row": clear_row}
+    session.launch("start_doubling", (count,), known | vars(matrices) | turning, items=every)
 
     def perform(which: int, most: int, chosen: NDArray[np.int32]) -> None:
-        session.launch("double_slabs", (chosen.size,), which, most, *shared, lost, residual, session.constant(chosen))
+        session.launch("double_slabs", (chosen.size,), known, which=which, most=most, items=chosen, residual=residual)
 
     perform(0, 1, every)
     while not stop[0] and left.size:

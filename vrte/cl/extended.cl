@@ -14,8 +14,13 @@ typedef struct {
     Shelves shelves;
 } Inverting;
 
-#define SIZES int n, int p, int r, int o, int ld, int stokes
 #define EACH(j, columns, i, rows) for (int j = 0; j < (columns); j++) SPREAD(i, 0, rows)
+
+Sizes make_sizes(int n, int r, int o, int stokes)
+{
+    const Sizes s = {n, next_strip(n), r, o, next_strip(next_strip(n) + o), stokes};
+    return s;
+}
 
 long size_extended(Sizes s)
 {

@@ -183,53 +183,43 @@ int dealt(int group, int number, int units)
     return left * units + unit;
 }
 
-// Matrices like R: that itself, where the last three steps led and by how much they moved, the latest first.
-#define STEPS __global real* R, __global real* led, __global real* led_1, __global real* led_2, \
-    __global real* moved, __global real* moved_1, __global real* moved_2
-#define JUDGED IN tolerance, OUT residual, __global int* restrict steps
-
 // As many fixed points as an item needs, strips shared by the lanes: R, H and what is missing of it. Pieces: items.
-SHARED
-__kernel void invariance_converge(SCATTERING, int units, int most, int strips, int symmetric, int n, INTS counts,
-                                IN row_mu, IN signed_mu, STACK(phi), STACK(nodes_H), STEPS, STACK(H), int h_columns,
-                                __global real* HC, JUDGED)
+KERNEL(LANES, invariance_converge)
 {
     __local real shelf[LANES];
-    const long item = dealt(get_group_id(0), get_num_groups(0), units), place = item * strips * STRIP * n;
+    const int strips = H_ld / STRIP;
+    const long item = dealt(get_group_id(0), get_num_groups(0), units), size = (long)strips * STRIP * n, place = item * size;
+    const long all = size * get_num_groups(0);
+    __global real *led = steps_led + place, *led_1 = led + all, *led_2 = led_1 + all;          // the latest first
+    __global real *moved = steps_moved + place, *moved_1 = moved + all, *moved_2 = moved_1 + all;
     const int columns = number_of_columns(counts, item, 2), of = material[item];
     const real rate = rate_of_item(order[item], terms[of], albedo[of], coefficients + of * (long)6 * n_term);
     Convergence convergence = {0.0, 0.0, 0.0, {1.0, 0.0, 0.0}, 1.0};
     bool done = false;
-    led += place;
-    led_1 += place;
-    led_2 += place;
-    moved += place;
-    moved_1 += place;
-    moved_2 += place;
     R += place;
     phi += item * phi_stride;
     H = OF_ITEM(H);
-    HC += item * H_stride;
+    HC = OF_ITEM(HC);
     nodes_H = OF_ITEM(nodes_H);
     for (int step = -1; step < most && !done; step++) {
         if (step >= 0) {
             real found[5] = {0.0, 0.0, 0.0, 0.0, 0.0};
             SPREAD(strip, 0, strips)
-                step_of_strip(strip, symmetric, n, columns, row_mu, signed_mu, HC, h_columns, nodes_H, nodes_H_ld, R, led,
+                step_of_strip(strip, symmetric, n, columns, row_mu, column_mu, HC, n_columns, nodes_H, nodes_H_ld, R, led,
                               moved, moved_1, moved_2, found);
             for (int v = 0; v < 5; v++)
                 found[v] = of_lanes(v < 3, found[v], shelf);
             convergence = judged(step, found, rate, tolerance[item], convergence, &done);
         }
         SPREAD(strip, 0, strips) {
-            mix_strip(strip, step < 0, symmetric, n, convergence.share, led, led_1, led_2, signed_mu, R);
+            mix_strip(strip, step < 0, symmetric, n, convergence.share, led, led_1, led_2, column_mu, R);
             renew_strip(strip, step < 0 ? 0 : n, n, columns, number_of_columns(counts, item, 0), phi, phi + phi_first,
                         phi_ld, R, H, H_ld);
             for (int odd = 0; odd < 2 && columns > 0; odd++) {
                 const long begin = first_column(counts, item, odd);
-                multiply_by_coefficients(order[item], order[item], terms[of], members, odd, odd ? -albedo[of] : albedo[of], -1.0,
+                multiply_by_coefficients(order[item], order[item], terms[of], bits, odd, odd ? -albedo[of] : albedo[of], -1.0,
                                          coefficients + of * (long)6 * n_term, 0, 2, 1, H + STRIP * strip + begin * H_ld, H_ld,
-                                         HC + (strip * (long)h_columns + begin) * STRIP, STRIP);
+                                         HC + (strip * (long)n_columns + begin) * STRIP, STRIP);
             }
         }
         if (step >= 0) {

@@ -50,16 +50,16 @@ def reflect_semi_infinite(
     cosines = [np.outer(mu, signs).ravel() for mu in (directions[:n_node], directions[n_node:])]
     signed_mu = [session.constant(np.pad(mu, (0, pad_to_strips(mu.size) - mu.size), "edge")) for mu in cosines]
     residual, steps = session.zeros((items,)), session.zeros((items,), np.int32)
-    shape = items, n, max(each.ld for each in H)
-    # the first two steps read by how much steps moved that there were not, and do nothing with it
-    room = [session.empty(shape) for _ in range(4)] + [session.zeros(shape) for _ in range(2)]
+    known = vars(what) | {"units": session.device.max_compute_units, "most": _core.MOST_STEPS, "n": n}
+    known |= {"counts": phi.counts, "column_mu": signed_mu[0], "nodes_H": H[0], "tolerance": tolerance}
     for part in range(2):
-        R, ld = session.empty((items, n, H[part].ld)), H[part].ld
-        sizes = session.device.max_compute_units, _core.MOST_STEPS, ld // STRIP, part == 0, n
-        arrays = phi.counts, signed_mu[part], signed_mu[0], parts[part], H[0], R, *room, H[part], HC[part].columns
-        judged = session.constant(tolerance), residual, steps
+        shape = items, n, H[part].ld
+        R, led = session.empty(shape), session.empty((3, *shape))
+        # the first two steps read by how much steps moved that there were not, and do nothing with it
+        own = {"R": R, "steps_led": led, "steps_moved": session.zeros((3, *shape)), "phi": parts[part], "H": H[part]}
+        own |= {"HC": HC[part], "row_mu": signed_mu[part], "symmetric": part == 0}
         if not stop[0]:
-            session.launch("invariance_converge", (items,), what, *sizes, *arrays, HC[part].data, *judged)
+            session.launch("invariance_converge", (items,), known, **own, residual=residual, steps=steps)
     Ruu, psi = (make_stack(session, items, parts[1].rows, size, bare=True) for size in (parts[1].rows, phi.phi.columns))
     for columns_of, alpha, beta in [(H[1], 1.0, 0.0), (parts[1], -1.0, 1.0)]:
         multiply_by_coefficients(session, what, phi.counts, columns_of, psi, v_sign=-1.0, odd_sign=-1.0)

@@ -128,9 +128,8 @@ int invert_matrix(int n, __global real* M, int ld, __global real* rest, __global
     return 0;
 }
 
-// The same of a stack, all by an item; info: 0, or 1 where M is singular. Pieces: items.
-SHARED
-__kernel void invert(int n, STACK(M), OUT rest, __global int* restrict pivots, __global int* restrict info)
+// The same of a stack. Pieces: items.
+KERNEL(LANES, invert)
 {
     __local real size[LANES], row[PANEL];
     __local int place[LANES];

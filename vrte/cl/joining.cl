@@ -154,25 +154,19 @@ void pass_on(const Stack* t, int place, __global const real* of, __global const 
     copy_columns(s.o, s.r, next, o_ld, running, o_ld);
 }
 
-// up, down (item, level, r, o), flux (item, level, 2, r) of order 0 and residual (item, place). below, emitted (n, r) and
-// base_out (o, n): the base of each item, `dark` for black ones; absorbed (item, n): its row; each item is in slabs of all
-// by slab (item, place), under above (item, place + 1); interface (level,); zero: elsewhere than in what is written. Pieces:
-// items.
-SHARED
-__kernel void join_slabs(int places, SIZES, int levels, int dark, real flux_size, IN rates, INTS slab, IN above, INTS turned,
-                         INTS interface, IN R, IN T, IN lost, STACK(below), STACK(emitted), STACK(base_out), OUT absorbed,
-                         OUT room, OUT rest, __global int* restrict pivots, OUT up, OUT down, OUT flux, OUT residual,
-                         __global int* restrict info)
+// The field of a stack; room, up and down begin with zeros. Pieces: items.
+KERNEL(LANES, join_slabs)
 {
     __local real size[LANES], panel_row[PANEL];
     __local int where[LANES];
+    const Sizes s = make_sizes(n, n_rhs, n_out_rows, stokes);
+    const int p = s.p, r = s.r, o = s.o, places = n_place, levels = n_level;
     const long item = get_group_id(0), square = (long)n * p, beams = (long)r * p;
-    const int o_ld = next_strip(o), axis = n - stokes;
+    const int o_ld = next_strip(o), axis = flux_axis(s);
     room += item * (square * (places + 4) + beams * (3 * places + 4) + 2L * o_ld * r + 2 * p);
     __global real *G = room, *M = G + places * square, *g = M + 4 * square, *rising = g + places * beams;
     __global real *falling = rising + (places + 1) * beams, *vector = falling + (places + 1) * beams;
     __global real *running = vector + 2 * beams, *next = running + o_ld * r, *row = next + o_ld * r;
-    const Sizes s = {n, p, r, o, ld, stokes};
     const Stack t = {s, places, turned[item], dark, R, T, lost, slab + item * places, above + item * (places + 1), rates,
                      OF_ITEM(below), absorbed + item * n, rising, falling, G, g, M, M + square, M + 2 * square,
                      M + 3 * square, vector, vector + beams, row,

@@ -10,7 +10,7 @@ from vrte import _core
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.running import ThreadTeam
 from vrte.cl.doubling import Frame, compute_householder_vector, put_blocks
-from vrte.cl.matrices import PANEL, make_stack, pad_to_strips, upload_stack
+from vrte.cl.matrices import make_scratch, make_stack, pad_to_strips, upload_stack
 from vrte.cl.session import Session
 from vrte.cl.stages import stand_in_for
 
@@ -72,22 +72,21 @@ def turn_ground(
 def join(session: Session, frame: Frame, of: SlabStacks, R: Any, T: Any, lost: Any) -> Joined:
     """The field of all stacks, which have as many places each, at the wanted interfaces. Enqueues only."""
     s, (count, places), levels, new = frame.sizes, of.slab.shape, of.interface.size, session.zeros
-    above, rates = np.ascontiguousarray(of.above), frame.rates[s.n + s.o :]
-    known = (session.constant(each) for each in (rates, of.slab, above, of.turned.astype(np.int32), of.interface))
-    base: tuple[Any, ...]
+    each = s.p * (s.n * (places + 4) + s.r * (3 * places + 4) + 2) + 2 * pad_to_strips(s.o) * s.r
+    known = make_scratch(session, count, s.n) | {"room": new((count, each)), "R": R, "T": T, "lost": lost}
+    known |= {"n": s.n, "n_rhs": s.r, "stokes": s.stokes, "flux_size": frame.flux_size, "dark": of.ground is None}
+    known |= {"rates": frame.rates[s.n + s.o :], "slab": of.slab, "above": of.above, "interface": of.interface}
     if of.ground is None:
         black = make_stack(session, count, s.n, s.n)
-        base = black, black, black, new((count, s.n))
+        known |= {"below": black, "emitted": black.part(0, 0, s.n, s.r), "base_out": black.part(0, 0, s.o, s.n)}
+        known["absorbed"] = new((count, s.n))
     else:
-        arrays = of.ground.matrix, of.ground.source, of.ground.out
-        base = *(upload_stack(session, each) for each in arrays), session.upload(of.ground.absorbed)
-    each = s.p * (s.n * (places + 4) + s.r * (3 * places + 4) + 2) + 2 * pad_to_strips(s.o) * s.r
-    scratch = session.empty((count, PANEL * s.n)), session.empty((count, s.n), np.int32)
-    field = count, levels, s.r, max(1, s.o)
+        arrays = {"below": of.ground.matrix, "emitted": of.ground.source, "base_out": of.ground.out}
+        known |= {name: upload_stack(session, array) for name, array in arrays.items()}
+        known["absorbed"] = session.upload(of.ground.absorbed)
+    field = count, levels, s.r, s.o
     found = Joined(new(field), new(field), new((count, levels, 2, s.r)), new((count,), np.int32), new((count, places)))
-    sizes = places, s, levels, of.ground is None, frame.flux_size
-    made = found.up, found.down, found.flux, found.residual, found.info
-    session.launch("join_slabs", (count,), *sizes, *known, R, T, lost, *base, new((count, each)), *scratch, *made)
+    session.launch("join_slabs", (count,), known | vars(found), turned=of.turned.astype(np.int32), n_out_rows=s.o)
     return found
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.arrays import Array
-from vrte.cl.session import Placed, Session
+from vrte.cl.session import Session
 
 STRIP = 8  # rows of a product per step
 PANEL = 16  # columns eliminated per step
@@ -24,7 +24,7 @@ def pad_to_strips(rows: int) -> int:
 
 
 @dataclass(frozen=True, eq=False)
-class Stack(Placed):
+class Stack:
     """Matrices (rows, columns), one an item, column by column, ``ld`` doubles apart; a part of a larger stack begins at
     its double ``first``. What lies between rows and the next multiple of 8 is zero."""
 
@@ -43,7 +43,12 @@ class Stack(Placed):
     @property
     def place(self) -> tuple[Any, ...]:
         """Memory, first double, distance of columns and of items."""
-        return self.data, self.first, self.ld, self.stride
+        return self.data.data, self.first, self.ld, self.stride
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(item, column, row), without padding."""
+        return self.data.shape[0], self.columns, self.rows
 
 
 def stack_in(data: Any, rows: int, columns: int) -> Stack:
@@ -87,19 +92,29 @@ def multiply_stacks(
 
     With counts (item, 2) the sum is over E's columns (part 0), F's (1) or either's (2).
     """
-    data, first, ld, stride = b.place
-    steps = (ld, 1) if transposed else (1, ld)
-    rows = pad_to_strips(c.rows)
+    padded = pad_to_strips(c.rows)
     each, wide = (STRIPS, max(c.columns, 1)) if session.lanes == 1 else (SHARED_STRIPS, SHARED_COLUMNS)
-    sums = rows, each, wide, c.columns, a.columns, alpha, beta, part, counts
-    pieces = -(-rows // (STRIP * each)), -(-c.columns // wide), c.data.shape[0]
-    session.launch("product", pieces, *sums, a, data, first, *steps, stride, c)
+    session.launch(
+        "product",
+        (-(-padded // (STRIP * each)), -(-c.columns // wide), c.data.shape[0]),
+        {"padded": padded, "each": each, "wide": wide, "alpha": alpha, "beta": beta, "part": part},
+        counts=counts,
+        inner=a.columns,
+        transposed=transposed,
+        A=a,
+        B=b,
+        C=c,
+    )
 
 
 def invert(session: Session, m: Stack) -> Any:
     """m <- m^-1 of every item; 1 where a matrix is singular, (item,) on the device."""
     count = m.data.shape[0]
-    scratch = session.empty((count, PANEL * m.rows)), session.empty((count, m.rows), np.int32)
     info = session.zeros((count,), np.int32)
-    session.launch("invert", (count,), m.rows, m, *scratch, info)
+    session.launch("invert", (count,), make_scratch(session, count, m.rows), M=m, info=info)
     return info
+
+
+def make_scratch(session: Session, items: int, n: int) -> dict[str, Any]:
+    """Memory that inverses of (n, n) take, as kernels name it."""
+    return {"rest": session.empty((items, PANEL * n)), "pivots": session.empty((items, n), np.int32)}

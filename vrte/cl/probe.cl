@@ -4,7 +4,7 @@
 #else
 #define real double
 #endif
-__kernel void probe(__global real *x, int turns)
+__kernel void probe(TAKES_probe)
 {
     real sum = 0.0;
     for (int i = 0; i < turns; i++)

@@ -58,7 +58,7 @@ def try_here(handle: Any, precision: str = "double") -> str:
         kernels = build_kernels(context, text, OPTIONS_OF[precision])
         queue = pyopencl.CommandQueue(context)
         buffer = pyopencl.Buffer(context, flags, hostbuf=numbers)
-        kernels["probe"](queue, (1,), (1,), buffer, np.int32(TURNS))
+        kernels["probe"](queue, (1,), (1,), TURNS, buffer)
         pyopencl.enqueue_copy(queue, numbers, buffer)
     except DeviceError as error:
         return str(error)

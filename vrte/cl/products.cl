@@ -44,23 +44,20 @@ int number_of_columns(__global const int* counts, long item, int part)
     return part == 2 ? counts[2 * item] + counts[2 * item + 1] : counts[2 * item + part];
 }
 
-// C = alpha A B + beta C; A (rows, inner), B's element (k, j) at k b_row + j b_column (so that either factor may be a
-// transpose), C (rows, columns), rows with their padding. Where part is not -1, the sum is over A's columns and B's rows
-// of that part. Pieces: `each` strips of 8 rows, `wide` columns (a multiple of 6), items; a lane makes tiles.
-SHARED
-__kernel void product(int rows, int each, int wide, int columns, int all, real alpha, real beta, int part, INTS counts,
-                      ALONE(A), IN B, long B_first, int b_row, int b_column, long B_stride, ALONE(C))
+// C = alpha A B + beta C. Pieces: `each` strips of 8 rows, `wide` columns, items; a lane makes tiles.
+KERNEL(LANES, product)
 {
     const long item = get_group_id(2);
-    const int inner = part < 0 ? all : number_of_columns(counts, item, part);
+    const int all = part < 0 ? inner : number_of_columns(counts, item, part);
     const int begin = part < 0 ? 0 : first_column(counts, item, part);
-    const int first = each * get_group_id(0), strips = min(each, rows / 8 - first);
-    const int left = wide * get_group_id(1), tiles = (min(wide, columns - left) + TILE_COLUMNS - 1) / TILE_COLUMNS;
+    const int b_row = transposed ? B_ld : 1, b_column = transposed ? 1 : B_ld;
+    const int first = each * get_group_id(0), strips = min(each, padded / 8 - first);
+    const int left = wide * get_group_id(1), tiles = (min(wide, n_column - left) + TILE_COLUMNS - 1) / TILE_COLUMNS;
     A = OF_ITEM(A) + (long)begin * A_ld;
     B = OF_ITEM(B) + (long)begin * b_row;
     C = OF_ITEM(C);
     SPREAD(tile, 0, strips * tiles) {
         const int row = 8 * (first + tile % strips), j = left + tile / strips * TILE_COLUMNS;
-        product_of_tile(j, columns, inner, alpha, beta, A + row, A_ld, B, b_row, b_column, C + row, C_ld);
+        product_of_tile(j, n_column, all, alpha, beta, A + row, A_ld, B, b_row, b_column, C + row, C_ld);
     }
 }

@@ -6,10 +6,6 @@
 
 #define BLOCK 32      // modes that are summed over at once, one more where a pair would be cut
 
-// Modes of a layer, and how many there are of all else; what all orders share.
-#define COUNTS int n, int stokes, int n_up, int n_layer, int n_level, int n_in, int n_rhs
-#define PLACES IN thickness, IN above, IN mu0, IN mu_out, IN level, INTS level_layer
-
 // Up to four Stokes components of a direction, or rows.
 real4 stokes_at(int stokes, __global const real* p)
 {
@@ -29,10 +25,8 @@ void put_stokes(int stokes, __global real* p, real4 value)
         p[3] = value.w;
 }
 
-// fed (order, stop, n_rhs, n) = c D(depth of the stop), nothing where that is 0 or infinite.
-// Global size: stops, n_in, orders.
-__attribute__((reqd_work_group_size(1, 1, 1)))
-__kernel void feed_modes(COUNTS, IN lam_re, IN lam_im, IN c, PLACES, OUT fed)
+// c D(depth of the stop). Pieces: stops, n_in, orders.
+KERNEL(1, feed_modes)
 {
     const int stop = get_global_id(0), beam = get_global_id(1), per_beam = n_rhs / get_global_size(1);
     const int layer = stop < n_level ? level_layer[stop] : stop - n_level;
@@ -160,13 +154,9 @@ Shares shares_of(const Way* way, real mu0)
         + gain.zeta * (shares##x.zeta * zeta[at]); }
 #define CLOSE_COLUMN(x, before) put_stokes(stokes, to + (long)r##x * rows, sum##x);
 
-// The source between a stop and the face that light comes from, into out (order, n_level, n_rhs, rows) at a level and
-// into part (order, layer, n_rhs, rows) at a face. lit_e = G_E X, lit_f = G_F Y (order, layer, n, ld); fed: of `feed_modes`;
-// decays (order, layer).
-// Global size: n_out, stops, orders.
-__attribute__((reqd_work_group_size(1, 1, 1)))
-__kernel void sum_sources(COUNTS, int ld, IN lit_e, IN lit_f, IN lam_re, IN lam_im, INTS decays, IN even, IN odd, IN c, IN zeta,
-                          IN fed, PLACES, OUT out, OUT part)
+// The source between a stop and the face that light comes from, into out at a level and into part at a face. Pieces: n_out,
+// stops, orders.
+KERNEL(1, sum_sources)
 {
     const int place = get_global_id(0), stop = get_global_id(1), upward = place < n_up, at_face = stop >= n_level;
     const int rows = stokes * get_global_size(0), layer = at_face ? stop - n_level : level_layer[stop];
@@ -174,7 +164,7 @@ __kernel void sum_sources(COUNTS, int ld, IN lit_e, IN lit_f, IN lam_re, IN lam_
     const long size = (long)n_rhs * rows, all = (long)n_rhs * n;
     const real depth = !at_face ? level[stop] : upward ? 0.0 : thickness[layer];
     const int per_beam = n_rhs / n_in;
-    const Way way = way_to(upward, decays[item], mu_out[place], thickness[layer], above[layer], depth);
+    const Way way = way_to(upward, decaying[item], mu_out[place], thickness[layer], above[layer], depth);
     __global real* to = (at_face ? part + item * size : out + (order * n_level + stop) * size) + stokes * place;
     __global const real* fed_here = fed + (order * (n_level + n_layer) + stop) * all;
     __global const real* fed_whole = fed + (order * (n_level + n_layer) + n_level + layer) * all;
@@ -183,8 +173,8 @@ __kernel void sum_sources(COUNTS, int ld, IN lit_e, IN lit_f, IN lam_re, IN lam_
         put_stokes(stokes, to + (long)r * rows, (real4)(0.0));
     if (way.left == 0.0 || (at_face && layer == (upward ? 0 : n_layer - 1)))
         return;
-    lit_e += item * n * ld + stokes * place;
-    lit_f += item * n * ld + stokes * place;
+    lit_e = OF_ITEM(lit_e) + stokes * place;
+    lit_f = OF_ITEM(lit_f) + stokes * place;
     lam_re += item * n;
     lam_im += item * n;
     even += item * all;
@@ -192,14 +182,15 @@ __kernel void sum_sources(COUNTS, int ld, IN lit_e, IN lit_f, IN lam_re, IN lam_
     c += item * all;
     zeta += item * all;
     if (!upward)
-        add_resonances(&way, n, stokes, rows, n_in, n_rhs, lam_re, lam_im, lit_e, lit_f, ld, c, mu0, to);
+        add_resonances(&way, n, stokes, rows, n_in, n_rhs, lam_re, lam_im, lit_e, lit_f, lit_e_ld, c, mu0, to);
     // what is not there is fed with nothing: any numbers will do for it
     __global const real* here = depth != 0.0 ? fed_here : c;
     __global const real* whole = upward && thickness[layer] < SEMI_INFINITE ? fed_whole : c;
     for (int begin = 0, end; begin < n; begin = end) {
         for (end = begin; end < min(begin + BLOCK, n); end += lam_im[end] != 0.0 ? 2 : 1) {
             Gains two[2];
-            const Lit lit = light_of(stokes, lam_im[end] != 0.0, lit_e + (long)end * ld, lit_f + (long)end * ld, ld);
+            const Lit lit = light_of(stokes, lam_im[end] != 0.0, lit_e + (long)end * lit_e_ld, lit_f + (long)end * lit_f_ld,
+                                     lit_e_ld);
             gains_of(vrte_pair(lam_re[end], lam_im[end]), &way, lit, two);
             gains[end - begin] = two[0];
             if (lam_im[end] != 0.0)

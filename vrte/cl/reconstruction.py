@@ -8,9 +8,10 @@ from vrte import _core
 from vrte.basics.arrays import Array
 from vrte.basics.running import ThreadTeam
 from vrte.cl.matrices import make_stack, multiply_stacks, pad_to_strips, upload_stack
-from vrte.cl.session import DeviceArray, Session
+from vrte.cl.session import Session
 from vrte.cl.stages import stand_in_for
 
+OF_ORDERS = "lam_re", "lam_im", "c", "zeta", "even", "odd", "decaying"  # arrays of modes, orders first
 MOST_DOUBLES = 1 << 26  # doubles of scratch memory for a group of orders, beside the caller's arrays
 
 
@@ -32,26 +33,18 @@ def reconstruct(session: Session, crew: ThreadTeam, given: Any) -> None:
 def reconstruct_orders(session: Session, given: Any, here: slice) -> Array:
     """The same of some of the orders."""
 
-    def upload(*names: str) -> list[DeviceArray]:
-        return [session.upload(getattr(given, name)[here]) for name in names]
-
     (orders, layers, n), out_shape = given.lam_re[here].shape, given.out[here].shape
     _, n_level, n_rhs, rows = out_shape
     n_in, n_out, n_stop, empty = given.mu0.size, given.mu_out.size, n_level + layers, session.empty
-    counts = n, rows // n_out, given.n_up, layers, n_level, n_in, n_rhs
     lit = [make_stack(session, orders * layers, rows, n, bare=True) for _ in range(2)]
     for made, *names in zip(lit, ("G_E", "G_F"), ("X", "Y"), strict=True):
         left, right = (getattr(given, name)[here].reshape(orders * layers, n, -1) for name in names)
         multiply_stacks(session, upload_stack(session, left), upload_stack(session, right), made)
-    shared = (given.thickness, given.above, given.mu0, given.mu_out, given.level, given.level_layer)
-    places = [session.constant(each) for each in shared]
-    rates, c = upload("lam_re", "lam_im"), upload("c")
-    fed, part = empty((orders, n_stop, n_rhs, n)), empty((orders, layers, n_rhs, rows))
-    session.launch("feed_modes", (n_stop, n_in, orders), *counts, *rates, *c, *places, fed)
-    amplitudes, out = upload("decaying", "even", "odd"), empty(out_shape)
-    modes = *(each.data for each in lit), *rates, *amplitudes, *c, *upload("zeta")
-    size = n_out, n_stop if layers > 1 else n_level, orders
-    session.launch("sum_sources", size, *counts, lit[0].ld, *modes, fed, *places, out, part)
+    known = vars(given) | {name: session.upload(getattr(given, name)[here]) for name in OF_ORDERS}
+    known["fed"], out, part = empty((orders, n_stop, n_rhs, n)), empty(out_shape), empty((orders, layers, n_rhs, rows))
+    session.launch("feed_modes", (n_stop, n_in, orders), known, n_level=n_level)
+    size, stokes = (n_out, n_stop if layers > 1 else n_level, orders), rows // n_out
+    session.launch("sum_sources", size, known, stokes=stokes, lit_e=lit[0], lit_f=lit[1], out=out, part=part)
     if layers == 1 and (given.base_row < 0).all():
         return session.download(out)
     found, sources = session.download_all([out, part])

@@ -46,23 +46,16 @@ void see_columns(const real4* f, const real4* turns, int n_col, __global const r
     }
 }
 
-// table (stack, terms, SERIES); path (stack, n_level, n_in, n_mu): what multiplies the phase matrix; mu0 (n_in,) > 0, mu
-// (n_mu,) signed, public; cos_phi, sin_phi (n_angle,), padded to a multiple of 4; columns (n_col, 4) within (I, Q) or, kind 1,
-// (U, V), place (n_col,) in the result's last axis. Pieces: `each` directions, n_in times stacks; a lane has a tile of four
-// of a direction's angles.
-#define SCATTERED IN table, int terms, IN path, IN mu0, IN mu, IN cos_phi, IN sin_phi, int n_col, IN columns, INTS kind, \
-    INTS place
-
-SHARED
-__kernel void add_scattering(SCATTERED, int each, TABLE)
+// Pieces: `each` directions, n_in times scenes; a lane has a tile of four of a direction's angles.
+KERNEL(LANES, add_scattering)
 {
     const int i = get_group_id(1) % n_in, stack = get_group_id(1) / n_in;
     const int begin_mu = each * get_group_id(0), tiles = (n_angle + 3) / 4;
     const long pairs = (long)n_in * n_mu;
-    real4 seen[8 * MOST_COLUMNS];      // four angles and their mirror images, a row (4, n_place) each
-    table += (long)stack * terms * SERIES;
+    real4 seen[8 * MOST_COLUMNS];      // four angles and their mirror images, a row (4, n_target) each
+    table += (long)stack * n_term * SERIES;
     path += stack * n_level * pairs;
-    out += stack * n_level * pairs * n_phi * 4 * n_place;
+    out += stack * n_level * pairs * n_phi * 4 * n_target;
     SPREAD(tile, begin_mu * tiles, min(n_mu, begin_mu + each) * tiles) {
         const int j = tile / tiles, angle = tile % tiles * 4;
         const long pair = (long)i * n_mu + j;
@@ -72,15 +65,15 @@ __kernel void add_scattering(SCATTERED, int each, TABLE)
         if (!lit)
             continue;
         real4 f[6], turns[4];
-        see_angles(terms, table, mu0[i], mu[j], AT(cos_phi, angle / 4), AT(sin_phi, angle / 4), f, turns);
-        see_columns(f, turns, n_col, columns, kind, place, n_place, seen);
+        see_angles(n_term, table, mu0[i], mu[j], AT(cosine, angle / 4), AT(sine, angle / 4), f, turns);
+        see_columns(f, turns, n_col, columns, kind, place, n_target, seen);
         for (int t = 0; t < n_level; t++)
             for (int a = 0; a < min(4, n_angle - angle); a++)
                 for (int use = first_use[angle + a]; use < first_use[angle + a + 1]; use++) {
-                    const real4* from = seen + (mirror[use] < 0.0 ? a + 4 : a) * n_place;
+                    const real4* from = seen + (mirror[use] < 0.0 ? a + 4 : a) * n_target;
                     const long row = (t * pairs + pair) * n_phi + azimuth[use];
-                    for (int k = 0; k < n_place; k++)
-                        *(__global loose4*)(out + (row * n_place + k) * 4) += path[t * pairs + pair] * from[k];
+                    for (int k = 0; k < n_target; k++)
+                        *(__global loose4*)(out + (row * n_target + k) * 4) += path[t * pairs + pair] * from[k];
                 }
     }
 }

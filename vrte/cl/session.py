@@ -3,17 +3,18 @@
 import math
 import os
 import threading
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from operator import mul
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import DeviceError
-from vrte.cl.building import Kernels, build_kernels
+from vrte.cl.building import Kernels, arrange, build_kernels
 
 SHARED = "complexes", "paths", "wigner", "series", "steps"  # mathematics of core/kernels/, and then the kernels
 KERNELS = "products", "inverse", "extended", "doubling", "assembly", "invariance", "joining", "sums"
@@ -53,17 +54,8 @@ class Traffic:
         return Traffic(*(now - then for now, then in zip(vars(self).values(), vars(before).values(), strict=True)))
 
 
-class Placed:
-    """What `Session.launch` takes for several arguments of a kernel."""
-
-    @property
-    def place(self) -> tuple[Any, ...]:
-        """Those arguments."""
-        raise NotImplementedError
-
-
 @dataclass(frozen=True, eq=False)
-class DeviceArray(Placed):
+class DeviceArray:
     """Numbers on a device, row by row in the memory ``data``. Making a pyopencl array takes forty microseconds."""
 
     data: Any
@@ -215,17 +207,25 @@ class Session:
             self.traffic.bytes_down += sum(copy.nbytes for copy, _ in full)
         return [copy.astype(np.float64) if copy.dtype == np.float32 else copy for copy in found]
 
-    def launch(self, name: str, size: tuple[int, ...], *arguments: Any) -> None:
-        """Enqueues a kernel: numbers, arrays, and whatever has its ``place`` among the kernel's arguments; ``size``:
-        how many pieces of work, each for a work-group as large as the kernel says, of one work-item where it says
-        nothing."""
+    def launch(
+        self, name: str, size: tuple[int, ...], known: Mapping[str, Any] = MappingProxyType({}), **given: Any
+    ) -> None:
+        """Enqueues a kernel with what is ``given``, or else ``known``, by the names that core/stages.toml declares:
+        numbers, and arrays of the device or of the host, which go up. ``size``: how many pieces of work, each for a
+        work-group as large as the kernel says, of one work-item where it says nothing.
+
+        Raises TypeError and ValueError as `arrange` does."""
         if 0 in size:
             return
         self._check_process()
+        arguments: list[Any] = []
+        for value in arrange(name, known, given):
+            placed = self.constant(value) if isinstance(value, np.ndarray) else value
+            arguments += getattr(placed, "place", (placed,))
         self.traffic.launches += 1
         kernel = self.kernels[name]
         group = self.kernels.groups[name][: len(size)]
-        kernel(self.queue, tuple(map(mul, size, group)), group, *flatten_arguments(arguments))
+        kernel(self.queue, tuple(map(mul, size, group)), group, *arguments)
 
     def finish(self) -> None:
         """Waits until all that was enqueued is done."""
@@ -236,17 +236,6 @@ class Session:
     def _check_process(self) -> None:
         if os.getpid() != self.process:
             raise DeviceError(FORKED)
-
-
-def flatten_arguments(arguments: Iterable[Any]) -> list[Any]:
-    """Memory and numbers alone."""
-    found: list[Any] = []
-    for argument in arguments:
-        if isinstance(argument, Placed):
-            found += flatten_arguments(argument.place)
-        else:
-            found.append(argument)
-    return found
 
 
 def read_sources(precision: str = "double") -> str:

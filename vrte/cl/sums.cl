@@ -8,11 +8,6 @@
 #define ADD_ORDER(x) sum##x = value * AT(wave, x) + sum##x;
 #define KEEP_SUM(x) sums[x] = sum##x;
 
-// Azimuths of a table, sorted by the distinct angle that each is or mirrors: first_use (n_angle + 1,): where in azimuth
-// (n_phi,) those of an angle begin, mirror -1 for mirror images; and the table (n_level, n_in, n_mu, n_phi, 4, n_place).
-#define TABLE INTS first_use, INTS azimuth, IN mirror, int n_angle, int n_phi, int n_place, int n_level, int n_in, \
-    int n_mu, OUT out
-
 // sums (angle, lane) of four elements, `at` in a row of kernels, times weight times waves (order, angle, lane).
 void sum_orders(int n_order, __global const real* row, int4 at, long order_stride, real4 weight,
                 __global const real* wave, int wave_ld, real4* sums)
@@ -27,17 +22,9 @@ void sum_orders(int n_order, __global const real* row, int4 at, long order_strid
     EACH_ANGLE(KEEP_SUM)
 }
 
-// Elements of a Mueller matrix come in groups of four that are neighbours in a row (4, n_place) of the result.
-// kernels (order, n_stored, n_in, n_col, n_kept, S); entry (group, 10): column of each of the four, Stokes component of
-// each, which of the waves, where in a row (in fours); sense (group, 4): 1 or -1, 0 for none; waves (pattern, order, angle,
-// 4), wave_ld doubles an order: cos or sin of m times the distinct angles; mirrored (pattern, 4): 1 for cos, -1 for sin;
-// levels, rows, scale as `azimuthal_sum` in core/sums.pxi. Pieces: `each` directions, n_level times n_in; a lane has a tile
-// of a direction's angles.
-#define ORDERS IN kernels, int n_order, int n_stored, int n_col, int n_kept, int n_stokes, int n_group, INTS entry, \
-    IN sense, IN waves, IN mirrored, INTS levels, INTS rows, IN scale
-
-SHARED
-__kernel void add_orders(ORDERS, int each, TABLE)
+// Elements of a Mueller matrix come in groups of four that are neighbours in a row (4, n_target) of the result. Pieces: `each`
+// directions, n_level times n_in; a lane has a tile of a direction's angles.
+KERNEL(LANES, add_orders)
 {
     const int i = get_group_id(1) % n_in, level = get_group_id(1) / n_in;
     const int begin_mu = each * get_group_id(0), tiles = (n_angle + TILE_ANGLES - 1) / TILE_ANGLES;
@@ -46,7 +33,7 @@ __kernel void add_orders(ORDERS, int each, TABLE)
     const long beam_stride = (long)n_col * column_stride, order_stride = beam_stride * n_stored * n_in;
     real4 sums[BATCH * TILE_ANGLES];
     kernels += (levels[level] * n_in + i) * beam_stride;
-    out += ((long)level * n_in + i) * n_mu * n_phi * 4 * n_place;
+    out += ((long)level * n_in + i) * n_mu * n_phi * 4 * n_target;
     SPREAD(tile, begin_mu * tiles, min(n_mu, begin_mu + each) * tiles) {
         const int j = tile / tiles, angle = tile % tiles * TILE_ANGLES;
         for (int begin = 0; begin < n_group; begin += BATCH) {
@@ -61,7 +48,7 @@ __kernel void add_orders(ORDERS, int each, TABLE)
             }
             for (int a = angle; a < min(angle + TILE_ANGLES, n_angle); a++)
                 for (int use = first_use[a]; use < first_use[a + 1]; use++) {
-                    __global real* row = out + ((long)j * n_phi + azimuth[use]) * 4 * n_place;
+                    __global real* row = out + ((long)j * n_phi + azimuth[use]) * 4 * n_target;
                     for (int g = 0; g < count; g++) {
                         const real4 sum = sums[g * TILE_ANGLES + a - angle];
                         *(__global loose4*)(row + 4 * now[10 * g + 9]) +=

@@ -42,22 +42,19 @@ def list_entries(given: Any) -> tuple[Array, Array, Array, Array]:
     return np.array(where, np.int32), sense, waves, 1.0 - 2.0 * np.array(patterns)
 
 
-def add_to_table(
-    session: Session, name: str, tile: int, n_angle: int, stacks: int, given: Any, *arguments: Any
-) -> None:
+def add_to_table(session: Session, name: str, tile: int, n_angle: int, stacks: int, given: Any, **own: Any) -> None:
     """Adds what a kernel finds to incident directions first .. last - 1 of out (stack n_level, n_in, n_mu, n_phi, 4,
     n_place). A piece is some directions of a stack and all their tiles of so many distinct angles: as many as lanes,
     and so few pieces that none is too small for a processor."""
     table = given.out[:, given.first : given.last]
-    n_level, n_in, n_mu, n_phi, _, n_place = table.shape
+    _n_level, n_in, n_mu, _n_phi, _, _n_place = table.shape
     azimuth = np.argsort(given.angle, kind="stable").astype(np.int32)
     first_use = np.searchsorted(given.angle[azimuth], np.arange(n_angle + 1)).astype(np.int32)
-    azimuths = (session.constant(each) for each in (first_use, azimuth, np.sign(given.sign)[azimuth]))
+    own |= {"first_use": first_use, "azimuth": azimuth, "mirror": np.sign(given.sign)[azimuth], "n_angle": n_angle}
     across = n_in * stacks
     each = max(1, min(n_mu, max(n_mu * across // PIECES, session.lanes // -(-n_angle // tile))))
     made = session.zeros(table.shape)
-    into = n_angle, n_phi, n_place, n_level // stacks, n_in, n_mu, made
-    session.launch(name, (-(-n_mu // each), across), *arguments, each, *azimuths, *into)
+    session.launch(name, (-(-n_mu // each), across), vars(given), **own, each=each, out=made)
     table += session.download(made)
 
 
@@ -68,12 +65,9 @@ def azimuthal_sum(session: Session, crew: ThreadTeam, given: Any) -> None:
     kernels = np.ascontiguousarray(given.kernels[:, :, lit])
     if not kernels.size or not given.out.size:
         return
-    where, sense, waves, mirrored = list_entries(given)
-    n_order, n_stored, _, n_col, n_kept, n_stokes = kernels.shape
-    sizes = n_order, n_stored, n_col, n_kept, n_stokes, len(where)
-    others = where, sense, waves, mirrored, given.levels, given.rows, given.scale[lit]
-    arguments = session.upload(kernels), *sizes, *(session.constant(each) for each in others)
-    add_to_table(session, "add_orders", TILE_OF_ORDERS, given.cosine.shape[1], len(given.levels), given, *arguments)
+    entries = dict(zip(("entry", "sense", "waves", "mirrored"), list_entries(given), strict=True))
+    own = entries | {"kernels": session.upload(kernels), "scale": given.scale[lit]}
+    add_to_table(session, "add_orders", TILE_OF_ORDERS, given.cosine.shape[1], len(given.levels), given, **own)
 
 
 @stand_in_for(_core.add_single_scattering)
@@ -87,10 +81,9 @@ def add_single_scattering(session: Session, crew: ThreadTeam, given: Any) -> Non
     lit = slice(given.first, given.last)
     if not given.out[:, lit].size:
         return
-    n_angle, upload, stacks = given.cos_phi.size, session.constant, getattr(given, "slab_stacks", 1)
+    n_angle, stacks = given.cos_phi.size, getattr(given, "slab_stacks", 1)
     waves = np.zeros((2, pad_to_strips(n_angle)))
     waves[:, :n_angle] = given.cos_phi, given.sin_phi
-    series = upload(given.table), given.table.shape[0] // stacks, session.upload(given.path[:, lit])
-    seen = (upload(each) for each in (given.mu0[lit], given.mu, *waves))
-    columns = given.columns.shape[0], upload(given.columns), upload(given.kind), upload(given.place)
-    add_to_table(session, "add_scattering", TILE_OF_SCATTERING, n_angle, stacks, given, *series, *seen, *columns)
+    own = {"path": session.upload(given.path[:, lit]), "mu0": given.mu0[lit], "cosine": waves[0], "sine": waves[1]}
+    own |= {"n_term": given.table.shape[0] // stacks, "n_level": given.path.shape[0] // stacks}
+    add_to_table(session, "add_scattering", TILE_OF_SCATTERING, n_angle, stacks, given, **own)

@@ -241,7 +241,7 @@ def verify_device(
             checks.append(perform_check(name, allowed, call))
             write_line(checks[-1].line)
     launched = {name for twin in (opened, *opened.beside.values()) for name in twin.kernels}
-    kernels, failures = set(opened.kernels.types), [check for check in checks if not check.passed]
+    kernels, failures = opened.kernels.names, [check for check in checks if not check.passed]
     write_line(f"\n  {len(checks) - len(failures)} of {len(checks)} checks passed")
     write_line(f"  {len(kernels & launched)} of {len(kernels)} kernels were launched")
     write_line("  " + ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in vars(opened.traffic).items()))
@@ -366,7 +366,7 @@ def measure_costs(session: Session, megabytes: float = 16.0) -> str:
 
     def launch() -> None:
         for _ in range(100):
-            session.launch("add_rates", (1,), 0, 1, small, stack, stack)
+            session.launch("add_rates", (1,), stokes=8, directions=small, E=stack, F=stack)
         session.finish()
 
     def copy() -> None:

@@ -1,11 +1,14 @@
 """Writes what follows from stages.toml: the C struct of all arrays, the table of arguments, the stages, _core.pyi."""
 
+import json
 import re
 import tomllib
 from pathlib import Path
 from typing import Any
 
-DECLARED = re.compile(r"(double|int|complex|strided|number|whole|flag)(?: \(([^)]*)\))?  (.+)", re.DOTALL)
+DECLARED = re.compile(
+    r"(double|int|complex|strided|number|whole|flag|stack|overlapping|Slab)(?: \(([^)]*)\))?  (.+)", re.DOTALL
+)
 ARGUMENT = re.compile(r"(\w+)(\?)?(?:=(\S+))?")
 C_TYPES = {"double": "double*", "int": "int*", "complex": "double*", "strided": "const char*"}
 C_TYPES |= {"number": "double", "whole": "int", "flag": "int"}
@@ -18,7 +21,7 @@ HINTS = {
     "number": "float",
 }
 HINTS |= {"whole": "int", "flag": "bool"}
-ARRAYS = ("double", "int", "complex", "strided")
+ARRAYS = ("double", "int", "complex", "strided", "stack", "overlapping", "Slab")
 MOST_DIMS = 6
 
 
@@ -74,6 +77,14 @@ class Declarations:
             for each in self.arguments[name]:
                 form = self.fields.setdefault(each.name, each.form)
                 assert C_TYPES[form] == C_TYPES[each.form], f"{name}: {each.name} is {form} elsewhere"
+        self.kernels = {
+            name: [
+                Argument(text, kind == "writes", [kernel, said["arrays"], self.sizes], name)
+                for kind in ("reads", "writes")
+                for text in kernel.get(kind, "").split()
+            ]
+            for name, kernel in said["kernels"].items()
+        }
         unused = said["arrays"].keys() - self.fields.keys()
         assert not unused, f"no stage takes {', '.join(sorted(unused))}"
 
@@ -151,11 +162,13 @@ class Declarations:
         return f'cdef extern from "arrays.h":\n    ctypedef struct Arrays "vrte_arrays":\n        {fields}\n'
 
     def write_stages(self) -> str:
-        """Each stage as an object of the module."""
-        return "".join(
+        """Each stage as an object of the module, and what each OpenCL kernel takes."""
+        stages = "".join(
             f"{name} = make_stage({index}, {name}_one, {name}_job, {not stage.get('alone', False)})\n"
             for index, (name, stage) in enumerate(self.stages.items())
         )
+        taken = {name: [(a.name, a.form, a.dims, a.writes) for a in found] for name, found in self.kernels.items()}
+        return f"{stages}KERNELS = {json.dumps(taken)!r}\n"
 
     def write_stub(self) -> str:
         """_core.pyi, a line a stage."""
