@@ -247,7 +247,6 @@ def test_every_paint_to_begin_with_has_sliders_and_an_appearance() -> None:
         assert any(one.place[0] == "particles" or "flakes" in one.place for one in sliders)
         for slider in sliders:
             value = read_fraction(get_value(content, slider.place))
-            assert value is not None
             assert slider.reaches(value)
             assert 0 <= slider.find_step(value) <= STEPS
             assert slider.find_value(slider.find_step(value)) == close_to(value, rtol=0.03, atol=0.0)

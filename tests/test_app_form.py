@@ -3,7 +3,6 @@
 import copy
 import inspect
 import math
-import struct
 import time
 import tomllib
 from contextlib import suppress
@@ -23,7 +22,7 @@ from vrte.app.form.fields import find_field, list_places, parse_field_text, tran
 from vrte.formats.bases import BASES
 from vrte.formats.keys import Choice, FilePath, Flag
 from vrte.formats.layers import LAYER_KEYS, PHASES
-from vrte.formats.materials import list_materials, list_paints
+from vrte.formats.materials import list_materials
 from vrte.formats.particle_sources import SIZES, SOURCES
 from vrte.formats.scattering import read_scattering
 from vrte.formats.scene_file import FILE_KEYS, read_content
@@ -375,15 +374,6 @@ def test_files_fill_the_form_and_what_they_lack_is_noted() -> None:
         assert len(form.list_page_wavelengths(content)) >= 7
         assert [text.split()[0] for text in notes] == ["[brdf]", "wavelength_um"]
         assert all(content[key] == scene[key] for key in ("particles", "layer"))
-
-
-def test_every_scene_and_paint_of_the_gallery_has_a_picture() -> None:
-    """Made by ``vrte render FILE --colour-only --size 96 -o NAME.png``."""
-    names = [path.stem for path in GALLERY] + [name.replace(" ", "_") for name in list_paints()]
-    pictures = {path.stem: path.read_bytes() for path in GALLERY[0].parent.glob("*.png")}
-    assert sorted(pictures) == sorted(names)
-    sizes = {(data[:8], struct.unpack(">II", data[16:24])) for data in pictures.values()}
-    assert sizes == {(b"\x89PNG\r\n\x1a\n", (96, 96))}
 
 
 def test_axes_of_a_sweep_become_wavelengths_or_a_note() -> None:

@@ -284,7 +284,6 @@ def test_a_port_takes_a_rough_surfaces_lobe_in_part() -> None:
     """Of a surface over black all that comes back is its lobe: a port takes what the sum over a fine grid does."""
     panel, mu_i = make_paint(0.0, 0.0, roughness=0.1, shadowing=True), find_cosine(8.0)
     surface, spectrum = panel.surface[0], panel.solve(*read_geometry("8:de").directions)
-    assert surface is not None
     total = spectrum.total_reflectance[0, 0]
     assert total == close_to(float(surface.share([mu_i])[0][0]), rtol=1e-4, atol=0.0)
     for port_deg, most in ((5.0, 1.0), (20.0, 0.5), (60.0, 0.01)):

@@ -102,7 +102,6 @@ def test_the_search_ends_within_a_thousandth(absorption: float) -> None:
             return float(black / white)
 
         hiding, _ = find_hiding_times(find_ratio, 0.98, 1.0)
-        assert hiding is not None
         found += [find_ratio(hiding * factor) for factor in (0.999, 1.001)]
     assert max(found[::2]) < 0.98 < min(found[1::2])
 
@@ -119,7 +118,6 @@ def test_the_curve_rises_to_the_film_semi_infinite(white: Hiding) -> None:
     assert white.opacity < white.paper_opacity < white.contrast_ratio
     index = int(np.flatnonzero(white.times == 1.0)[0])
     assert white.contrast_ratios[index] == close_to(white.contrast_ratio, rtol=1e-12, atol=0.0)
-    assert white.hiding_times is not None
     assert white.times[0] < min(1.0, white.hiding_times) < max(1.0, white.hiding_times) < white.times[-1]
     differences = np.diff(np.log(white.times))
     assert differences.max() < 1.21
@@ -141,7 +139,6 @@ def test_lengths_follow_where_the_film_has_one_and_a_picture_shows_it(white: Hid
     with pytest.raises(vrte.SceneError, match="where the curve ends"):
         white.interpolate(1e3)
     known = replace(white, length_um=20.0)
-    assert known.hiding_times is not None
     assert known.hiding_length_um == close_to(20.0 * known.hiding_times, rtol=1e-12, atol=0.0)
     assert known.spreading_rate == close_to(50.0 / known.hiding_times, rtol=1e-12, atol=0.0)
     assert "m2 of dry film a litre" in str(known)

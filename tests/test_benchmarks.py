@@ -126,7 +126,6 @@ def test_a_literal_program_has_the_powder_under_a_rough_surface() -> None:
     (file,) = benchmark.make_files()
     (layer,), asked = file.scene.layers, file.request
     (surface, _), albedo = file.scene.interfaces, file.scene.below.even_albedo
-    assert surface is not None
     mu_i, mu_o, phi = (np.array(asked[name], float) for name in ("mu_i", "mu_o", "phi"))
     orders = literal_rough.find_brdf(surface.facets, 1.5, layer, albedo, mu_i.tolist(), mu_o.tolist())
     own = literal_rough.facets(

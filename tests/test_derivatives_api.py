@@ -10,7 +10,7 @@ import vrte
 from vrte import cli
 from vrte.basics.differences import sample_around
 
-from .helpers import assert_close, assert_same, close_to
+from .helpers import assert_close, close_to
 
 MU_I, MU_O = np.array([0.2, 0.9]), np.array([0.3, 0.7])
 DEPTH, ALBEDO, BASE = "layer[1].thickness", "layer[1].albedo", "base.albedo"
@@ -166,35 +166,6 @@ def test_fields_of_several_beams_and_of_fluxes_alone_have_derivatives():
     assert_close(fluxes.flux_up_jacobian[BASE], one.flux_up_jacobian[BASE], rtol=1e-9, atol=0.0)
 
 
-@pytest.mark.parametrize(
-    ("kind", "suffix"),
-    [
-        ("spectrum", ".csv"),
-        ("brdf", ".csv"),
-        ("field", ".csv"),
-        ("fields", ".nc"),
-        *(pytest.param(kind, ".zarr", marks=pytest.mark.slow) for kind in ("brdf", "spectrum", "fields")),
-    ],
-)
-def test_files_keep_every_digit_of_derivatives(tmp_path, kind, suffix):
-    names = [DEPTH, BASE]
-    if kind == "brdf":
-        result = differentiate(GLOSSY, "layer[2].thickness", BASE, transmission=True)
-    elif kind == "spectrum":
-        result = vrte.spectrum(CONTENT, [0.45, 0.6, 0.7], derivatives=names)
-    else:
-        beams = 0.4 if kind == "field" else [0.4, 0.8]
-        result = vrte.radiance(HAZE, beams, mu=[-0.5, 0.5], tau=[0.0, 0.2], nodes=4, derivatives=names)
-    path = tmp_path / f"result{suffix}"
-    result.save(path)
-    assert result.jacobian
-    assert_same(result, vrte.load(path))
-    labelled = result.to_xarray()
-    first = next(iter(result.jacobian))
-    assert labelled.jacobian.dims[0] == "parameter"
-    assert (labelled.jacobian.sel(parameter=first).values == result.jacobian[first]).all()
-
-
 def test_a_spectrum_has_the_same_derivatives_everywhere():
     found = vrte.spectrum(CONTENT, [0.45, 0.6], derivatives=BASE)
     plain = vrte.spectrum(CONTENT, [0.6])
@@ -202,26 +173,6 @@ def test_a_spectrum_has_the_same_derivatives_everywhere():
     assert found.at([0.6]).jacobian[BASE].shape[0] == 1
     with pytest.raises(vrte.SceneError, match="must all have the same derivatives"):
         vrte.Spectrum([0.45, 0.6], [found[0], plain[0]])
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        ('"base.albedo"]', '"layer[1].thickness"]', "different names"),
-        ('["layer[1].thickness", "base.albedo"]', '["base.albedo"]', "columns must be"),
-    ],
-)
-def test_a_table_with_other_derivatives_than_it_lists_is_refused(tmp_path, old, new, said):
-    path = tmp_path / "result.csv"
-    differentiate(HAZE, DEPTH, BASE).save(path)
-    text = path.read_text()
-    line = next(one for one in text.splitlines(keepends=True) if one.startswith("# derivatives"))
-    assert old in line
-    seal, rest = text.split("\n", 1)
-    assert seal.startswith("# vrte sha256 ")
-    path.write_text(rest.replace(line, line.replace(old, new)))
-    with pytest.raises(vrte.SceneError, match=said):
-        vrte.load(path)
 
 
 SCENE_FILE = """

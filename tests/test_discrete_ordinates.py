@@ -3,12 +3,9 @@
 Whether its light is right is tested in tests/test_every_way.py.
 """
 
-import os
-import pickle
 import threading
 import time
 import tracemalloc
-import warnings
 from concurrent.futures import ThreadPoolExecutor
 from itertools import product
 from pathlib import Path
@@ -159,24 +156,6 @@ def test_threads_and_callers_at_once_change_no_bit(algorithm: str) -> None:
     alone = solve(1)
     with ThreadPoolExecutor(8) as pool:
         assert all(np.array_equal(alone, found) for found in [solve(2), solve(3), *pool.map(solve, [1, 2] * 4)])
-
-
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
-def test_a_forked_child_can_solve() -> None:
-    scene = vrte.Scene([vrte.Layer(spheroids(), 0.9, 1.0)])
-    expected = exact.brdf(scene, 0.5, 0.5, nodes=8, threads=2).mueller
-    read, write = os.pipe()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # newer Pythons warn of fork with threads: the point here
-        child = os.fork()
-    if child == 0:
-        os.write(write, pickle.dumps(exact.brdf(scene, 0.5, 0.5, nodes=8, threads=2).mueller))
-        os._exit(0)
-    os.close(write)
-    with os.fdopen(read, "rb") as pipe:
-        got = pickle.loads(pipe.read())
-    assert os.waitpid(child, 0)[1] == 0
-    assert np.array_equal(got, expected)
 
 
 INTERRUPTED = """

@@ -108,7 +108,6 @@ def solve(name: str, way: str) -> tuple[vrte.Field | None, vrte.Brdf]:
 def check_light(problem: Problem, field: vrte.Field, tolerance: float) -> None:
     """Order by order against ball arithmetic, relative to the largest I at each depth; fluxes to the larger one."""
     answer = problem.answer
-    assert answer is not None
     found = stability.compute_fourier_orders(answer.case, field.stokes, tuple(answer.orders))
     size = np.max([np.abs(light[..., 0]).max(axis=(0, 2)) for light in answer.orders.values()], axis=0)
     for order, light in answer.orders.items():

@@ -38,7 +38,6 @@ def test_flakes_lie_beside_particles_in_their_medium() -> None:
     for filling in ({"particles": "dust", "thickness": 1.0}, {"phase": "rayleigh", "albedo": 0.5, "thickness": 1.0}):
         layer = make_layer({**filling, "flakes": {"index": [0.3, 3.0]}, "flake_area": 2.0}, **POWDER)
         assert layer.extent == 3.0
-        assert layer.flakes is not None
         assert layer.flakes.host_index == (1.5 if "particles" in filling else 1.0) == layer.host_index
 
 
@@ -50,7 +49,6 @@ def test_substances_of_films_are_known_and_may_be_tables(tmp_path: Path) -> None
     content["layer"] = [{**GOLD, **FILM, "flakes": {"index": 1.5, "stack": [["own.csv", 0.1]]}}]
     assert find_named_tables(content) == {("layer", 0, "flakes", "stack", 0, 0): "own.csv"}
     flakes = make_scene_file(content, folder=tmp_path).scene.layers[0].flakes
-    assert flakes is not None
     assert flakes.films == ((1.5 + 0j, 0.1),)
 
 
@@ -68,12 +66,10 @@ def test_sweeps_and_families_change_numbers_of_flakes(tmp_path: Path) -> None:
     axes = {"paint.flakes.tilt_deg": [5.0, 10.0], "paint.volume_fraction": [0.05, 0.1]}
     sweep = read_sweep({**BEAM, "paint": {**PAINT, "flakes": {"tilt_deg": 8.0}}, "axes": axes}, tmp_path)
     layer = make_scene_at(sweep, (1, 0), make_particles).scene.layers[0]
-    assert layer.flakes is not None
     assert (layer.flakes.tilt_deg, layer.flake_area) == (10.0, 0.05 / 0.3 * 15.0)
     names = ["layer[1].flakes.stack[2][2]", "layer[1].flakes.tilt_deg", "layer[1].thickness_um"]
     family = vrte.SceneFamily({**BEAM, "layer": [{**GOLD, **FILM}]}, names)
     moved = family.at([0.4, 6.0, 30.0]).layers[0]
-    assert moved.flakes is not None
     assert (moved.flakes.films[1][1], moved.flakes.tilt_deg) == (0.4, 6.0)
     assert moved.flake_area == 0.1 / 0.3 * 30.0
     assert all(one.is_outside for one in family.variations())  # no closed form: by differences of whole solves

@@ -18,7 +18,6 @@ from vrte.discrete_ordinates.orders.phase_assembly import Assembled
 from vrte.discrete_ordinates.orders.slab_response import respond_by_doubling
 
 from .helpers import assert_close
-from .test_photons import MU_EDGES, PHI_EDGES, solve_bins
 
 METAL = vrte.flakes(0.3 + 3.0j, tilt_deg=15.0)
 ALUMINIUM = vrte.flakes(0.9 + 6.0j, tilt_deg=12.0)
@@ -294,23 +293,6 @@ def test_many_scenes_with_flakes_are_each_as_alone() -> None:
     together = vrte.brdfs(scenes, MU, MU, PHI, nodes=6)
     for scene, found in zip(scenes, together, strict=True):
         np.testing.assert_array_equal(found.mueller, vrte.brdf(scene, MU, MU, PHI, nodes=6).mueller)
-
-
-@pytest.mark.parametrize(
-    "name",
-    ["beside particles", *(pytest.param(each, marks=pytest.mark.slow) for each in STACKS if "particles" not in each)],
-)
-@pytest.mark.parametrize("mu_i", [0.15, 0.6])
-def test_photons_see_the_same_light(name: str, mu_i: float) -> None:
-    """All sixteen elements in bins of light up and down, within 5 standard errors, and 5e-4 of the largest, below which
-    so few photons give no error; they share the scene alone."""
-    found = vrte.photons(STACKS[name], mu_i, MU_EDGES, PHI_EDGES, photons=300_000)
-    parts = zip((found.up[:, 0], found.down[:, -1]), (found.up_error[:, 0], found.down_error[:, -1]), strict=True)
-    for (mean, error), right in zip(parts, solve_bins(found, STACKS[name], accuracy=1e-3), strict=True):
-        if right is not None:
-            allowed = 5.0 * error + 5e-4 * right.max()
-            assert (np.abs(mean - right) < allowed).all()
-            assert (error[..., 0, 0] < 0.1 * right[..., 0, 0].max()).all()
 
 
 def test_flux_that_flakes_scatter_is_that_of_a_plain_sum() -> None:

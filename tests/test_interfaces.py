@@ -104,8 +104,6 @@ def see_sky(scene: vrte.Scene, mu_o: list[float], phi: list[float], through: boo
     f = vrte.brdf(scene, mu, mu_o, turns.ravel(), nodes=24, transmission=through)
     beams = vrte.brdf(scene, mu_o, [0.5], 0.0, nodes=24, transmission=through)
     lobes, sent = (f.transmission, beams.specular_transmission) if through else (f.mueller, beams.specular)
-    assert lobes is not None
-    assert sent is not None
     lobes = lobes[..., 0].reshape(mu.size, len(mu_o), *turns.shape, 4)
     lit = (weights / 2 * mu)[:, None] * shine(mu[:, None], heading) * (2 * np.pi / heading.size)
     straight = sent[:, None, :, 0] * shine(np.array(mu_o)[:, None], np.array(phi))[..., None]

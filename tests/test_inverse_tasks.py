@@ -12,7 +12,6 @@ from docs.scripts import inversion
 from vrte.basics.errors import IndistinguishableWarning
 from vrte.fit import fit
 from vrte.fit.files import read_fit
-from vrte.optics.crowding import PackingWarning
 
 from .helpers import assert_close
 
@@ -23,16 +22,6 @@ def test_a_slab_between_surfaces_comes_back() -> None:
     right, found = inversion.fit_slab((0.9, 1.0, 0.5, 1.4), nodes=4)
     assert 0.7 < right.sum() < 1.0
     assert_close(found, [0.9, 1.0], rtol=1e-6, atol=0.0)
-
-
-@pytest.mark.slow
-def test_slabs_beside_iadpython() -> None:
-    """Its surfaces average the polarizations: what it finds is off; ours, whose numbers they are, is not."""
-    found = inversion.invert_slab((0.9, 1.0, 0.5, 1.4))
-    off = abs(found.theirs - [0.9, 1.0])
-    assert_close(found.ours, [0.9, 1.0], rtol=1e-6, atol=0.0)
-    assert (off < 1e-3).all()
-    assert (off > 1e-4).all()
 
 
 @pytest.mark.slow
@@ -55,20 +44,6 @@ def test_polarization_of_a_thin_haze_tells_radius_and_index_but_not_how_much_of_
     assert not two.blind_spots
     assert (four.errors[:2] > 2.0 * two.errors).all()
     assert any("layer[1].thickness" in reported for reported in four.blind_spots)
-
-
-@pytest.mark.slow
-def test_the_gradient_of_a_cost_at_constant_hiding() -> None:
-    """By the rule of implicit functions, against central differences of costs that are each found anew."""
-    hiding, here, step = inversion.Hiding(), np.log([0.08, 0.1]), 1e-3
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", PackingWarning)
-        _, slopes = hiding.find_cost(here)
-        beside = [
-            [hiding.find_cost(here + sign * step * one, with_slopes=False)[0] for sign in (1.0, -1.0)]
-            for one in np.eye(2)
-        ]
-    assert_close(slopes, [(up - down) / (2.0 * step) for up, down in beside], rtol=1e-4, atol=0.0)
 
 
 @pytest.mark.slow

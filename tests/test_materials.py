@@ -223,7 +223,6 @@ def test_the_command_lists_them_and_reports_how_one_scatters(
     assert extinction == close_to(layer.thickness / 60.0, rtol=1e-6, atol=0.0)
     assert transport == close_to(1.0 / (extinction * (1.0 - layer.phase_matrix.asymmetry)), rtol=1e-6, atol=0.0)
     scene = read_scene("scene.toml").scene
-    assert scene.interfaces[0] is not None
     assert scene.layers[0].thickness == layer.thickness
     Path("scenes").mkdir()  # from where a material of one's own is named
     Path("haze.toml").write_text(PINK.replace("thickness_um = 50", "thickness = 2.0"))

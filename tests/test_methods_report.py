@@ -3,10 +3,8 @@ needs no network; other codes find the same light, refuse by name, and have no p
 
 import importlib.util
 import re
-import shutil
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -60,37 +58,6 @@ def test_the_quick_report(tmp_path: Path) -> None:
     assert not re.search(r"<(script|link|img)[^>]*(src|href)=", page)
     assert 'How well method="auto" chose' in page
     assert "For 1e-03 take" in page
-
-
-@pytest.fixture(scope="module")
-def earlier_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Row]]:
-    """The folder of two runs that have been measured, and their rows."""
-    folder = tmp_path_factory.mktemp("earlier")
-    return folder, methods.make_study(FIRST, [CURVE], folder, ONCE).measure_rows(folder)
-
-
-@pytest.mark.parametrize(
-    ("change", "again"), [("nothing", 0), ("a torn line", 1), ("version", 2), ("setting", 2), ("fresh", 2)]
-)
-def test_what_has_changed_is_measured_again_and_nothing_else(
-    change: str, again: int, earlier_run: tuple[Path, list[Row]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    curve, path = CURVE, tmp_path / methods.CSV
-    shutil.copy(earlier_run[0] / methods.CSV, path)
-    if change == "a torn line":
-        path.write_text(path.read_text()[: path.read_text().rindex(",") + 4])
-    if change == "version":
-        monkeypatch.setattr("bench.study.identify_setup", lambda: "another version")
-    if change == "setting":
-        curve = replace(CURVE, settings=methods.vary_nodes((2, 8), algorithm="doubling"))
-    measured, timed = list[Any](), methods.time_solve
-    monkeypatch.setattr(methods, "time_solve", lambda *given: measured.append(given) or timed(*given))
-    study = methods.make_study(FIRST, [curve], tmp_path, ONCE)
-    rows = study.measure_rows(tmp_path, fresh=change == "fresh")
-    assert len(measured) == again
-    assert rows[: 2 - again] == earlier_run[1][: 2 - again]
-    study.page(rows, tmp_path, "a test")
-    assert len(Records(Row, path).read()) == 2
 
 
 def test_a_slow_curve_ends_early(tmp_path: Path) -> None:
@@ -234,20 +201,3 @@ def test_without_them_the_report_works_and_says_so(monkeypatch: pytest.MonkeyPat
     assert other_codes.describe_peers() == text
     with pytest.raises(MissingExtraError, match="nanodisort"):
         other_codes.prepare_solve("nanodisort", ask(layered()), 4)
-
-
-def test_a_failure_of_theirs_is_a_row_and_another_version_is_measured_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    setting = methods.Setting("4 streams", {"streams": 4})
-    curves = [methods.Curve("nanodisort", "nanodisort", (setting,), made) for made in ("1", "2")]
-    case = methods.find_case("isotropic, small")
-    assert len({methods.mark(case, methods.Run(curve, 0)) for curve in curves}) == 2
-    pytest.importorskip("nanodisort")
-
-    def fails(*_: object) -> object:
-        raise ValueError("of its own")
-
-    monkeypatch.setitem(other_codes.PEERS, "nanodisort", replace(other_codes.PEERS["nanodisort"], prepare=fails))
-    (row,) = methods.make_study(FIRST, curves[:1], tmp_path, ONCE).measure_rows(tmp_path)
-    assert row.status == "failed: nanodisort: ValueError: of its own"

@@ -154,6 +154,5 @@ def test_crowded_spheres_and_other_shapes_go_by_differences() -> None:
     layer = {"particles": "grain", "thickness_um": 20.0, "volume_fraction": 0.05, "packing": "effective-medium"}
     content = {"wavelength_um": 0.5, "particles": {"grain": {"index": 1.5, "radius_um": 0.05}}, "layer": [layer]}
     (found,) = vrte.SceneFamily(content, ["particles.grain.radius_um"]).variations()
-    assert found.scene_at is not None
     up, down = (found.scene_at(0.05 + step).layers[0].thickness for step in (1e-5, -1e-5))
     assert found.thickness[0] == close_to((up - down) / 2e-5, rtol=1e-6, atol=0.0)

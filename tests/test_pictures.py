@@ -156,14 +156,12 @@ def test_the_viewer_has_the_arrow_too() -> None:
 def test_shares_that_come_back_count_the_beam_and_tell_it_apart() -> None:
     names = "over black", "over white"
     found = collect_reflectances((0.64,), (SHINY,), (SHINY,), names)
-    assert found is not None
     for name in names:
         np.testing.assert_array_equal(found.curves[f"{name}{WITHOUT_BEAM}"][0], SHINY.reflectance)
         total = SHINY.reflectance + SHINY.specular_reflectance
         np.testing.assert_array_equal(found.curves[f"{name}{WITH_BEAM}"][0], total)
     assert len(results.reflectance(found, (0.64,), 0).data) == 4
     matt = collect_reflectances((0.64,), (PLAIN,), (PLAIN,), names)
-    assert matt is not None
     assert tuple(matt.curves) == names
     for brdf, dashed in ((SHINY, SHINY.specular[:, 0, 0]), (PLAIN, [])):
         panel = Spectrum([0.5, 0.6], [brdf, brdf]).plot().axes[0]

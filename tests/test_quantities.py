@@ -56,21 +56,6 @@ def test_every_name_has_a_unit_and_what_is_not_signed_is_never_negative(brdf: vr
     assert [unit_of(name) for name in FIELD_QUANTITIES[:4]] == ["W m⁻² sr⁻¹"] * 4
 
 
-@pytest.mark.parametrize("light", [(1, 0, 0, 0), LIGHT, (1, 0, 0, 1)])
-@pytest.mark.parametrize("azimuths", [PHI, np.arange(0, 181, 15)])
-def test_between_the_directions_is_what_the_solver_finds(
-    brdf: vrte.Brdf, scene: vrte.Scene, light: tuple[float, ...], azimuths: np.ndarray
-) -> None:
-    given = vrte.brdf(scene, [0.4, 0.8], MU_O, azimuths, nodes=6, threads=1)
-    theta, phi = np.array([7.0, 31.0, 62.0, 80.0]), np.array([3.0, 101.0, 197.0, 352.0])
-    exact = vrte.brdf(scene, 0.8, np.cos(np.radians(theta)), phi, nodes=6, threads=1).mueller[0] @ light
-    found = stokes_over_hemisphere(given, 1, theta, phi, light)
-    assert np.abs(found - exact).max() < 2e-3 * np.abs(exact).max()
-    # at the given directions, to rounding; mirror images included
-    at_given = stokes_over_hemisphere(given, 1, np.degrees(np.arccos(MU_O)), PHI, light)
-    assert_close(at_given, brdf.mueller[1] @ light, rtol=0.0, atol=1e-13)
-
-
 @pytest.mark.parametrize("step", [0.7, 4.0, 200.0])
 def test_meshes_and_cuts_end_at_the_last_direction(brdf: vrte.Brdf, step: float) -> None:
     theta, phi, light = light_on_mesh(brdf, 1, LIGHT, step)

@@ -614,7 +614,6 @@ def test_skylight_on_the_ground_before_a_long_wall() -> None:
     sky = make_sky("uniform", [0.5], 40.0, 0.0)
     stage = Stage([make_box((-0.1, -30.0, 0.0), (0.0, 30.0, 1.0))], far_lens(place_camera(20.0, 0.0), 16), sky.beam)
     light = SceneLight.of(sky, 0.0, stage.ground)
-    assert stage.ground is not None
     distance = np.array([0.3, 1.0, 2.5])
     found = (stage.ground.rows(distance, 0.0 * distance) @ light.skylight_fractions)[:, 0]
     assert_close(found, 0.5 * (1.0 + distance / np.hypot(distance, 1.0)), rtol=0.0, atol=0.02)

@@ -183,7 +183,6 @@ def test_between_wavelengths_matrices_are_mixed_by_what_they_scatter(mie_table: 
     found = vrte.read_scattering(mie_table, wavelength_um=0.5, effective_radius_um=0.2)
     mixed = vrte.mixture([(powder(one), 1.0) for one in WAVELENGTHS[:2]])
     assert_matrix(found, mixed.phase_matrix)
-    assert found.expansion is not None
     assert found.expansion.albedo == close_to(mixed.albedo, rtol=1e-12, atol=0.0)
     assert found.expansion.way.endswith("of 0.45 and 0.55 um")
 
@@ -377,7 +376,6 @@ def test_the_command_tells_what_a_table_is_and_writes_it(
     reported = capsys.readouterr().out
     found = vrte.read_scattering(dust_table, convention="granada", normalise=True, ends="extrapolate")
     assert isinstance(found, PhaseMatrix)
-    assert found.expansion is not None
     assert "175 angles, convention granada; a spline over 175 angles, extrapolated short of 3 degrees" in reported
     assert f"integral    {found.expansion.integral:.6g}" in reported
     assert re.search(r"peak +F11 is 10\.\d+ at 0 degrees, half of that at 28\.\d degrees", reported)

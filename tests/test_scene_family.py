@@ -77,7 +77,6 @@ def test_what_particles_change(name: str) -> None:
     family = vrte.SceneFamily(make_content(), [name])
     (found,) = family.variations()
     value, step, scene_at = found.value, 1e-4 * max(0.1, found.value), found.scene_at
-    assert scene_at is not None
     up, far_up, down, far_down = (scene_at(value + sides * step).layers[0] for sides in (1, 2, -1, -2))
 
     def differ(read: Any) -> Any:
@@ -111,7 +110,6 @@ def test_what_moves_surfaces_says_so() -> None:
     layers = [surface, HAZE | {"host_index": 1.5}]
     found = vary("layer[1].interface.above", layer=layers)
     assert found.is_outside
-    assert found.scene_at is not None
     assert found.scene_at(1.1).index_above == 1.1
     assert not vary("layer[2].thickness", layer=layers).is_outside
     mirror = {"kind": "mirror", "index": [0.2, 3.0]}

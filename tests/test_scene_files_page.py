@@ -5,22 +5,17 @@ from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 
-from vrte.appearance.hiding import Conditions
 from vrte.fit.files import KEYS as FIT_KEYS
-from vrte.fit.problem import JACOBIANS, LOSSES, SPACINGS
 from vrte.fit.problem import KEYS as FREE_KEYS
 from vrte.formats import materials
 from vrte.formats.bases import BASES, INTERFACE
 from vrte.formats.flakes import FLAKES, TILTS
-from vrte.formats.keys import Choice, FilePath, Key, list_names
+from vrte.formats.keys import Key, list_names
 from vrte.formats.layers import INTERFACE_KEYS, LAYER_KEYS, PHASES
 from vrte.formats.particle_sources import SIZE_KEYS, SIZES, SOURCES
-from vrte.formats.scene_file import FILE_KEYS, OPTION_KEYS, REQUEST_KEYS
-from vrte.formats.toml_table import RANGE_KEYS, write_value
-from vrte.optics.crowding import PACKINGS
-from vrte.render.rendering import OBJECTS, OWN, RANGES, PictureSetting
-from vrte.render.sky import KINDS
-from vrte.request.how import OPTIONS
+from vrte.formats.scene_file import FILE_KEYS, REQUEST_KEYS
+from vrte.formats.toml_table import RANGE_KEYS
+from vrte.render.rendering import OWN, PictureSetting
 from vrte.sweep.results import KEYS as APPEARANCE_KEYS
 from vrte.sweep.template import AXIS_KEYS
 
@@ -37,7 +32,6 @@ def read_rows(section: str) -> dict[str, list[str]]:
 
 
 ROWS = {heading.replace("`", ""): read_rows(section) for heading, section in HEADINGS.findall(PAGE)}
-OPTION_ROWS = {("The file", name): OPTIONS[name] for name in OPTION_KEYS if OPTIONS[name].choices}
 REGISTRIES = {'source = "{}"': SOURCES, "phase = {{ {} = ... }}": PHASES, 'kind = "{}"': BASES, "size.{}": SIZES}
 KEYS: dict[str, Mapping[str, Key]] = {  # sections of which the registries know more than the names of keys
     **{
@@ -70,23 +64,6 @@ KNOWN: dict[str, tuple[str, ...]] = {
     "A range": RANGE_KEYS,
     "A material's file": materials.MATERIAL_KEYS,
 }
-CHOICES = {  # section and key: names that its row must have, and no others in quotes
-    ("[particles.NAME]", "source"): tuple(SOURCES),
-    ("[base]", "kind"): tuple(BASES),
-    ("[[layer]]", "packing"): tuple(PACKINGS),
-    ("[render]", "sky"): KINDS,
-    ("[render]", "object"): OBJECTS,
-    ("[fit]", "loss"): LOSSES,
-    ("[fit]", "jacobian"): JACOBIANS,
-    ("[fit.free.NAME]", "spacing"): SPACINGS,
-    **{place: option.choices for place, option in OPTION_ROWS.items()},
-    **{
-        (heading, name): tuple(key.names)
-        for heading, keys in KEYS.items()
-        for name, key in keys.items()
-        if isinstance(key, Choice)
-    },
-}
 
 
 def test_every_key_has_a_row_and_every_row_a_key() -> None:
@@ -94,22 +71,3 @@ def test_every_key_has_a_row_and_every_row_a_key() -> None:
     for cells in (cells for rows in ROWS.values() for cells in rows.values()):
         assert len(cells) == 4  # meaning, unit, default, allowed
         assert all((cells[0], cells[2], cells[3])), cells
-
-
-def test_choices_defaults_ranges_and_suffixes_are_those_of_the_program() -> None:
-    """A dash alone says that a key is needed; what stands in for another says so."""
-    for (heading, name), choices in CHOICES.items():
-        assert {*re.findall(r'"([^"]+)"', ROWS[heading][name][3])} == {*choices}, f"{heading}, {name}"
-    defaults = {place: option.default for place, option in OPTION_ROWS.items()}
-    defaults |= {("[render]", name): value for name, value in SETTING.items()}
-    defaults |= {("[appearance]", field.name): field.default for field in fields(Conditions)}
-    for (heading, name), default in defaults.items():
-        assert ROWS[heading][name][2].strip("`") == write_value(default).removesuffix(".0"), f"{heading}, {name}"
-    for heading, keys in KEYS.items():
-        for name, key in keys.items():
-            _, _, there, allowed = ROWS[heading][name]
-            assert (there == "—" or there.startswith(("this", "these"))) or not key.needed, f"{heading}, {name}"
-            assert there != "—" or key.needed, f"{heading}, {name}"
-            assert not isinstance(key, FilePath) or {*allowed.split(", ")} == {*key.suffixes}, f"{heading}, {name}"
-    for name, (low, high, _) in RANGES.items():
-        assert ROWS["[render]"][name][3] == f"{low:g} to {high:g}"

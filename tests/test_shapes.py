@@ -106,7 +106,6 @@ def test_orientations_added_up_one_by_one_give_the_same(shape: int, aspect_ratio
     solver, particle = transition_matrix.import_solver(), (shape, aspect_ratio, 0.6, 1.5 + 0.02j)
     matrix, _ = transition_matrix.choose_matrix(solver, *particle)  # type: ignore[misc]
     average = transition_matrix.average_orientations(*particle)
-    assert average is not None
     degrees = 2.0 * np.arange(len(average.sums))[:, None] + 1.0
     phase_matrix = vrte.PhaseMatrix(*arrange_coefficients(average.sums * degrees / average.sums[0, 0]))
     orders = min(matrix.nmax, 8)  # what higher ones add is below the tolerance

@@ -44,17 +44,6 @@ def test_the_covering_arrays_cover_every_pair_of_values(name: str, axes: Any, sc
         assert len(find_uncovered(rows, axes, 3)) < 0.45 * len(find_uncovered([], axes, 3))
 
 
-def test_cases_are_as_many_and_as_named_as_promised() -> None:
-    every = stability_cases.list_all_cases()
-    assert len(stability_cases.CORNERS) >= 40
-    assert len({case.name for case in every}) == len(every) >= 450
-    named = [case.name for case in every if "/" in case.name and not case.media]
-    assert not named  # the oracle's table has it between its keys
-    assert all(case.reason for case in stability_cases.CORNERS)
-    assert 40 <= len(stability_cases.choose_quick_cases()) <= 60
-    assert {slab.phase for case in every if not case.media for slab in case.slabs} == set(AXES["phase"])
-
-
 def test_haze_l_is_the_published_one() -> None:
     """Garcia and Siewert (1986): a1[1] = 2.41260 and a1[2] = 3.23047, for water spheres of this distribution."""
     assert find_phase_matrix("haze-L").a1[1:3] == close_to([2.41260, 3.23047], rtol=0.0, atol=2e-5)
@@ -154,19 +143,6 @@ def test_an_oracle_that_does_not_fit_says_so(change: dict[str, Any], why: str) -
         assert short == [f"the oracle's answer is {why}"]
     assert stability.find_oracle_answer(SMALL, {}) == "none"
     assert stability.find_oracle_answer(SMALL, {"small/hash": table["small/hash"]}) == "no stable answer"
-
-
-def test_what_the_oracle_was_given_is_what_is_solved() -> None:
-    """Coefficients and cosines of the table that are not those of the names."""
-    table = oracle_table(SMALL)
-    table["phase/rayleigh"] = table["phase/rayleigh"] * np.array([[1.0], [0.9], [0.9]])
-    table["small/mu"] = np.array([0.7, 0.35, 0.7, -0.35, -0.7])
-    answer = stability.find_oracle_answer(SMALL, table)
-    assert isinstance(answer, stability.OracleAnswer)
-    assert (answer.case.mu0, answer.case.mu.tolist()) == (0.7, [0.35, 0.7, -0.35, -0.7])
-    other = oracle_table(answer.case)
-    assert stability.record_case(SMALL, other, stability.Options()).shortfalls == []
-    assert stability.record_case(SMALL, other | table, stability.Options()).shortfalls
 
 
 def test_the_estimate_of_c_is_of_the_right_size() -> None:

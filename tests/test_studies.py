@@ -8,28 +8,23 @@ import os
 import pkgutil
 import platform
 import re
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import psutil
 import pytest
 
 import bench
 from bench import compare, cost, processes, tables
-from bench.processes import Child, Reply, Task
+from bench.processes import Child, Reply
 from bench.study import Study
 from bench.tables import SMALL, STEPS, TOTAL, Configuration
 from vrte.basics.errors import AccuracyError, SceneError
 from vrte.basics.running import find_blas_libraries
 
-from .helpers import assert_close, call_study, close_to, rows_of, wait_until
+from .helpers import assert_close, call_study, close_to, rows_of
 
 GOLD = SMALL[1]
 PAGES = {
@@ -52,35 +47,6 @@ def test_examples_of_bench_hold() -> None:
         assert doctest.testmod(importlib.import_module(name)).failed == 0, name
 
 
-@pytest.mark.parametrize(
-    ("line", "code", "message"),
-    [
-        ("cost --threads 0 -o new", 2, "--threads: must be a whole number"),
-        ("tables --configurations 2,7 -o new", 2, "there is no configuration '7'; there are 1, 2,"),
-        ("methods --scenes nothing* -o new", 2, "--scenes must fit one of"),
-        ("stability --cases nothing* -o new", 2, "matches no scene"),
-        ("stability --algorithm guessing -o new", 2, "invalid choice"),
-        ("stability --threads 0 -o new", 2, "whole number from 1"),
-        ("stability --colour -o new", 2, "unrecognized arguments"),
-        ("methods --quick -o file", 2, "must be a folder"),
-        ("tables --quick -o new", 1, "needs the extra 'plot'"),
-        ("cost -o new", 1, "needs the extra 'plot'"),
-    ],
-)
-def test_bad_input_is_one_line_before_anything_is_measured(
-    line: str, code: int, message: str, tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("file").write_text("")
-    if code == 1:
-        monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    assert call_study(*line.split()) == code
-    (complaint,) = capsys.readouterr().err.splitlines()
-    assert complaint.startswith("vrte: error: ")
-    assert message in complaint
-    assert [path.name for path in tmp_path.iterdir()] == ["file"]
-
-
 @pytest.fixture(scope="module")
 def both() -> Iterator[dict[str, Child]]:
     """A process of each setting, started where the user has set the baseline."""
@@ -89,26 +55,6 @@ def both() -> Iterator[dict[str, Child]]:
         with processes.start_processes(["baseline", "full"]) as found:
             assert os.environ["OPENBLAS_CORETYPE"] == "Prescott"
             yield found
-
-
-@pytest.mark.parametrize(
-    ("missing", "able", "reason"),
-    [
-        ("device", "1, 2, OpenMP baseline, OpenMP full, default", "configuration 6 needs an OpenCL device: none"),
-        ("x86", "2, OpenMP full, default", "configuration 1 needs the baseline SIMD of an x86 processor, and this is"),
-    ],
-)
-def test_what_a_machine_cannot_run_is_refused_by_name(
-    missing: str, able: str, reason: str, monkeypatch: pytest.MonkeyPatch, capsys: Any
-) -> None:
-    monkeypatch.setattr(tables, "explain_missing_device", lambda: "none")
-    monkeypatch.setattr(platform, "machine", lambda: "aarch64" if missing == "x86" else "x86_64")
-    found, refused = tables.choose_configurations()
-    assert ", ".join(each.label for each in found) == able
-    assert len(refused) == len(Configuration) - len(found)
-    assert any(text.startswith(reason) for text in refused)
-    assert call_study("tables", "--configurations", f"2,{reason.split()[1]}") == 2
-    assert reason in capsys.readouterr().err
 
 
 @needs_baseline
@@ -141,48 +87,10 @@ def test_the_first_solve_is_checked_and_not_timed(both: dict[str, Child]) -> Non
     assert all(row.reply.seconds >= sum(row.reply.stages.values()) > 0.0 for row in rows)
 
 
-def test_what_the_solver_raises_is_raised_here(both: dict[str, Child]) -> None:
-    with pytest.raises(SceneError, match=r"^algorithm must be"):
-        both["full"].solve(Task(GOLD, {"algorithm": "guess"}))
-    with pytest.raises(ChildProcessError, match=r"^TypeError: .*'colour'"):
-        both["full"].solve(Task(GOLD, {"colour": 3}))
-    assert both["full"].solve(Task(GOLD, {})).answer is None, "it goes on after that"
-    with processes.start_processes(["full"]) as found:
-        found["full"].process.kill()
-        with pytest.raises(ChildProcessError, match="for full SIMD has died with code -9"):
-            found["full"].solve(Task(GOLD, {}))
-
-
-PARENT = """
-from bench.tables import FULL_SIZE
-from bench.processes import Task, start_processes
-if __name__ == "__main__":
-  with start_processes(["full"]) as found:
-    print(found["full"].process.pid, flush=True)
-    while True:
-        found["full"].solve(Task(FULL_SIZE[2], {"threads": 1, "algorithm": "doubling"}))
-"""
-
-
-@pytest.mark.skipif(os.name == "nt", reason="signals")
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
-@pytest.mark.slow
-def test_no_process_is_left_when_its_parent_is_gone(number: int) -> None:
-    parent = subprocess.Popen([sys.executable, "-c", PARENT], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
-    assert parent.stdout is not None
-    child = psutil.Process(int(parent.stdout.readline()))
-    time.sleep(0.2)  # in the middle of a solve
-    parent.send_signal(number)
-    parent.wait(10)
-    parent.stdout.close()
-    wait_until(lambda: not child.is_running() or child.status() == psutil.STATUS_ZOMBIE, 5.0)
-
-
 def test_a_power_law_is_found_where_there_are_points_enough() -> None:
     x = np.array([1.0, 2.0, 5.0, 30.0])
     for exponent in (-1.0, 0.0, 1.0, 2.7):
         fit = cost.fit_exponent(x, 0.02 * x**exponent)
-        assert fit is not None
         assert [fit.exponent, fit.factor, fit.error] == close_to([exponent, 0.02, 0.0], rtol=0.0, atol=1e-7)
     for few, seconds in (([1.0, 2.0], [1.0, 2.0]), ([1.0, 2.0, 3.0], [1.0, 0.0, 3.0]), ([4.0] * 3, [1.0, 2.0, 3.0])):
         assert cost.fit_exponent(np.array(few), np.array(seconds)) is None

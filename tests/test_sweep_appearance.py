@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 
 import vrte
-from docs.scripts import pigment_size
-from docs.scripts.pigment_size import find_optimum
 from vrte.appearance.colours import find_colour
 from vrte.appearance.geometries import MULTI_ANGLE
 from vrte.appearance.gloss import find_gloss
@@ -25,7 +23,7 @@ from vrte.sweep.interpolation import held_out
 from vrte.sweep.run import SweepWarning
 from vrte.sweep.template import read_sweep
 
-from .helpers import assert_close, close_to, rows_of
+from .helpers import assert_close, close_to
 from .test_sweep import RAYLEIGH, powder
 
 GREY = {"kind": "lambertian", "albedo": 0.4}
@@ -207,29 +205,3 @@ def test_a_panel_stops_with_the_sweep_that_it_is_of(cores: int) -> None:
     with share_cores(share), pytest.raises(KeyboardInterrupt):
         run_side_by_side([stop, *[lambda: time.sleep(0.05)] * cores, lambda: done.append(2)])
     assert done == [1]
-
-
-@pytest.mark.slow
-def test_crowding_costs_hiding_power_and_moves_the_best_size_little(tmp_path: Path) -> None:
-    few = ["--diameters-um", "0.17", "0.23", "0.31", "--fractions", "0.02", "0.3"]
-    assert pigment_size.main(["-o", str(tmp_path), *few]) == 0
-    assert (tmp_path / "rutile_size_loading.png").read_bytes().startswith(b"\x89PNG")
-    rows = rows_of(tmp_path / "pigment_size.csv")
-    assert len(rows) == 3 * 3 * 2 + 3
-    rates: dict[tuple[str, str], list[float]] = {}  # of a litre of pigment, by packing and loading
-    for row in rows:
-        if row["sigma"] == "1.3":
-            rate = float(row["spreading_rate"])
-            assert float(row["hiding_thickness_um"]) * rate == close_to(1000.0, rtol=1e-5, atol=0.0)
-            key = row["packing"], row["volume_fraction"]
-            rates.setdefault(key, []).append(rate / float(row["volume_fraction"]))
-    # without crowding a litre of pigment hides as much in any film: its optical thickness alone counts
-    assert rates["independent", "0.02"] == close_to(rates["independent", "0.3"], rtol=1e-3, atol=0.0)
-    for packing in ("percus-yevick", "coherent-potential"):
-        assert rates[packing, "0.02"] == close_to(rates["independent", "0.02"], rtol=0.1, atol=0.0)
-        assert max(rates[packing, "0.3"]) < 0.85 * max(rates["independent", "0.3"])
-        best = find_optimum(np.array([0.17, 0.23, 0.31]), np.array(rates[packing, "0.02"]))
-        assert 0.2 < best.diameter_um < 0.3
-        # small grains, many of them close together, lose most: the best size grows
-        few, many = (rates[packing, fraction][2] / rates[packing, fraction][0] for fraction in ("0.02", "0.3"))
-        assert many > 1.1 * few

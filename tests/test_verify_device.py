@@ -58,7 +58,6 @@ def test_what_there_is_no_time_for_and_no_such_device(opencl: Session) -> None:
 def test_all_of_it(opencl: Session, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     """Every kernel is launched. However busy the machine is, there is time for all."""
     usual = verify_device.verify_device.__defaults__
-    assert usual is not None
     monkeypatch.setattr(verify_device.verify_device, "__defaults__", (*usual[:3], 900.0, ()))
     index = device.devices().index(device.find_chosen_device())
     assert run("devices", "--verify", str(index)) == 0

@@ -30,7 +30,6 @@ def viewer(*options: str, warning: str = "", ended_by: signal.Signals = signal.S
         cwd=ROOT,
         env={name: value for name, value in os.environ.items() if name != "PYTEST_CURRENT_TEST"},
     )
-    assert process.stdout is not None
     try:
         assert not warning or warning in process.stdout.readline()
         found = re.search(r"http://[\w.-]+:\d+/\?token=[\w-]+", process.stdout.readline())
@@ -64,6 +63,5 @@ def work(answer: Callable[..., Any], content: Any, newer: int = 99, **more: Any)
 def get_process(query: Query) -> "subprocess.Popen[bytes]":
     """A query's process, once there is one."""
     wait_until(lambda: query.worker is not None and query.worker.process is not None)
-    assert query.worker is not None
     assert query.worker.process is not None
     return query.worker.process
