@@ -84,3 +84,15 @@ def test_what_nobody_gives_is_allocated() -> None:
     values = np.zeros(3)
     assert _core.symmetric_eigenproblem(MATRIX, values=values).keys() == {"vectors", "info"}
     assert values.tolist() == found["values"].tolist()
+
+
+def test_calls_share_arrays() -> None:
+    """What a call has not comes from those that are shared; its own count, and what it does not take is refused."""
+    other = np.diag([5.0, 4.0])
+    shared = {"matrix": MATRIX, "nobody": MATRIX}
+    found = _core.call_together("symmetric_eigenproblem", CREW, [{}, {"matrix": other}], shared)
+    assert [each["values"].tolist() for each in found] == [[3.0, 2.0, 1.0], [5.0, 4.0]]
+    with pytest.raises(TypeError, match="does not take nobody"):
+        _core.call_together("symmetric_eigenproblem", CREW, [{"nobody": MATRIX}], shared)
+    with pytest.raises(TypeError, match="needs matrix"):
+        _core.call_together("symmetric_eigenproblem", CREW, [{"matrix": None}], shared)

@@ -190,6 +190,17 @@ def test_many_solves_say_together_what_they_take(kind: str, monkeypatch: pytest.
     assert re.match(rf"this will take about \d+ s for {what} together; fewer", reported)
 
 
+def test_brief_solves_are_not_planned_to_be_predicted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two of them took twice the time of two calls; what is not brief together is planned."""
+    planned: list[Request] = []
+    make = plan.plan_request
+    monkeypatch.setattr(plan, "plan_request", lambda request, run: planned.append(request) or make(request, run))
+    vrte.brdfs([THICK] * 2, 0.5, 0.5, nodes=4)
+    assert not planned
+    vrte.brdfs([THICK] * 400, 0.5, 0.5, nodes=4)
+    assert planned
+
+
 def test_many_solves_that_take_too_long_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """A thousand solves of a second: no one of them is long."""
     monkeypatch.setitem(cost.RATE, "discrete-ordinates", 1e4)
@@ -287,6 +298,6 @@ def test_what_the_first_of_many_loads_is_no_matter_of_each(monkeypatch: pytest.M
     def asked_at(place: int) -> tuple[Request, float]:
         return request, 0.5 if place == 0 else 0.0  # 240 times 0.5 s would be 2 minutes
 
-    monkeypatch.setattr(plan, "predict_seconds", lambda asked: time.sleep(0.03) or (0.0, 0.0))
+    monkeypatch.setattr(plan, "predict_seconds", lambda asked, count: time.sleep(0.03) or (0.0, 0.0))
     plan.warn_runtime_of_all(240, asked_at, "scenes")
     assert 240 * 0.03 < reported[0] < 240 * 0.2

@@ -1,11 +1,12 @@
 """vrte.brdf: the Mueller BRDF of a scene, and its transmission."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
 
-from vrte.basics.arrays import Array, freeze_copy, is_readonly, make_readonly
+from vrte.basics.arrays import Array, freeze_copy, is_readonly, make_readonly, replace_unchecked
 from vrte.basics.running import Progress, start_run
 from vrte.calls.derivatives import Derivative, Derivatives, collect_jacobians, find_light, read_derivatives
 from vrte.calls.energy import note_energy
@@ -111,12 +112,19 @@ def make_brdf(
     if request.coherent:
         arrays["coherent"] = find_interference(scene, request.mu0, mu_o, request.phi, arrays["mueller"])
     found = {"illuminate": request.illuminate, "index_outside": scene.index_below if is_turned else scene.index_above}
-    diagnostics = note_interference(request, note_energy(request, solution) | note_photons(request, progress) | found)
+    found |= note_photons(request, progress)
     if not derivatives:  # the arrays fit together
         arrays |= {"mu_i": request.mu0, "mu_o": mu_o, "phi": request.phi}
         frozen = {name: each if is_readonly(each) else freeze_copy(each) for name, each in arrays.items()}
-        return make_readonly_brdf(lambda: diagnostics, **frozen)
+        late = partial(describe_brdf, request, replace_unchecked(solution, parts=[]), found)
+        return make_readonly_brdf(partial(dict, late()) if scene.is_rough or scene.below.facets else late, **frozen)
+    diagnostics = describe_brdf(request, solution, found)
     return Brdf(mu_i=request.mu0, mu_o=mu_o, phi=request.phi, diagnostics=diagnostics, **arrays, **jacobians)
+
+
+def describe_brdf(request: Request, solution: Solution, found: dict[str, Any]) -> dict[str, Any]:
+    """The diagnostics of a BRDF: those of its solution, and what else is found. Warns of facets that make light."""
+    return note_interference(request, note_energy(request, solution) | found)
 
 
 def note_interference(request: Request, diagnostics: dict[str, Any]) -> dict[str, Any]:

@@ -4,9 +4,8 @@ predicted before the first starts, and refused where that is beyond a limit."""
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from statistics import fmean, median
 from typing import Any, Literal
-
-import numpy as np
 
 from vrte import methods
 from vrte.basics import cost
@@ -21,7 +20,7 @@ from vrte.discrete_ordinates.planning.forecast import (
 from vrte.discrete_ordinates.planning.plan import Plan, plan_request
 from vrte.methods import choose_method
 from vrte.request.how import AUTO, EXACT, Backend, complete_docstring
-from vrte.request.request import Request, make_brdf_request, make_radiance_request
+from vrte.request.request import Request, estimate_operations, make_brdf_request, make_radiance_request
 from vrte.scene.scene import Scene
 
 
@@ -99,11 +98,12 @@ def warn_runtime_of_all(
     if count < 2:
         return False
     begin, looked, solving = time.perf_counter(), [], []
-    for index in [0, *np.unique(np.linspace(count - 1, 1, min(FEW, count) - 1).astype(int))[::-1].tolist()]:
+    steps = max(min(FEW, count) - 2, 1)
+    for index in dict.fromkeys([0, *(count - 1 - step * (count - 2) // steps for step in range(min(FEW, count) - 1))]):
         try:
             request, made = asked_at(index)
             start = time.perf_counter()
-            seconds, planned = predict_seconds(request)
+            seconds, planned = predict_seconds(request, count)
         except SceneError:
             continue
         looked.append(made + time.perf_counter() - start + planned + cost.A_CALL)
@@ -117,7 +117,7 @@ def warn_runtime_of_all(
     if limit is None or not looked:
         return False
     # what is loaded for the first is no matter of each
-    each = float(np.median(looked[1:] or looked) + np.mean(solving))
+    each = median(looked[1:] or looked) + fmean(solving)
     total = (beside + count * each) / workers
     cost.warn_runtime(
         total, limit, f" for {what} together", "fewer nodes, a coarser accuracy or fewer of them take less"
@@ -125,13 +125,17 @@ def warn_runtime_of_all(
     return total > cost.LONG
 
 
-def predict_seconds(request: Request) -> tuple[float, float]:
-    """Seconds of a solve, and of its plan where that is too long to be made here; nothing of a device."""
+def predict_seconds(request: Request, count: int = 1) -> tuple[float, float]:
+    """Seconds of a solve, and of its plan where that is too long to be made here; nothing of a device. A plan is made
+    where ``count`` solves like it are not brief."""
     if request.backend is Backend.OPENCL:
         return 0.0, 0.0
     run = Run(1)  # no threads of OpenMP in the caller's own: a child forked later would wait for them
     if request.method != EXACT:
         return methods.predict_seconds(request, run), 0.0
+    operations = estimate_operations(request)
+    if count * operations < cost.BRIEF:
+        return operations / cost.RATE[EXACT], 0.0
     threads = methods.make_run(request).threads
     planning = predict_planning_seconds(request, run)
     if planning > cost.LOOKING:

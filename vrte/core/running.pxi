@@ -205,10 +205,10 @@ cdef class Stage:
     def allocate(self, given):
         """What the stage writes and is not given, allocated, by name."""
         cdef Arrays t
-        return self.read(given, &t)
+        return self.read(given, {}, &t)
 
-    cdef dict read(self, dict given, Arrays* t):
-        """Fills t, checks shapes; what is allocated."""
+    cdef dict read(self, dict given, dict shared, Arrays* t):
+        """Fills t of what is given, or else shared with other calls, and checks shapes; what is allocated."""
         cdef int k, d, size, used = 0
         cdef int* sizes = <int*>t
         cdef char* place
@@ -223,6 +223,9 @@ cdef class Stage:
         for k in range(self.said.count):
             each, place = self.taken + k, <char*>t + self.taken[k].place
             values = given.get(self.names[k])
+            if values is None and not each.written and self.names[k] not in given:
+                values = shared.get(self.names[k])
+                used -= values is not None
             if values is None:
                 used += self.names[k] in given
                 if not each.open:
@@ -341,8 +344,9 @@ cdef int solve_equations(int* sizes) noexcept nogil:
     return -1
 
 
-def call_together(stage, crew, calls):
-    """What a stage, or one by name, returns for several calls, each its arrays by name: one crew shares all items."""
+def call_together(stage, crew, calls, shared={}):
+    """What a stage, or one by name, returns for several calls, each its arrays by name: one crew shares all items. What
+    a call has not is taken from those that are shared, among which there may be others."""
     cdef Stage one = stage if isinstance(stage, Stage) else globals()[stage]
     cdef Calls all_of
     cdef Job job, most = Job(0, 0, 0)
@@ -352,7 +356,7 @@ def call_together(stage, crew, calls):
     all_of.first = <int*>(all_of.of + all_of.count)
     found = []
     for k, given in enumerate(calls):
-        found.append(one.read(given, &all_of.of[k]))
+        found.append(one.read(given, shared, &all_of.of[k]))
         job = one.plan(&all_of.of[k])
         if all_of.of[k].wrong != NULL:
             raise ValueError(f"{one}: {all_of.of[k].wrong.decode()}")

@@ -7,12 +7,12 @@ at Gauss depths, by the whole phase matrices as delta-M leaves them. Q, U and V 
 these further iterations: the regular part is that of light without polarization.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from vrte import _core
-from vrte.basics.arrays import Array, IntArray
+from vrte.basics.arrays import Array, IntArray, record
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Run, keep_to_one_thread
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
@@ -102,7 +102,7 @@ def remove_polarization(scene: Scene) -> Scene:
     )
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Guess:
     """Both parts at the Gauss depths (D,) of all panels: albedo, a1 of degree 1; E_0 and E_z of the regular part (D,
     n_in); ``tables`` (D, n_in, terms, 6) of the anisotropic part about the beam; ``arriving`` flux (n_in,) at the

@@ -19,11 +19,11 @@ E_0 + c E_z = 0 at the top and E_0 - c E_z = 0 at a black base, with c named by 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from vrte.basics.arrays import Array, BoolArray
+from vrte.basics.arrays import Array, BoolArray, record
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.base import Base, expand_base
@@ -45,7 +45,7 @@ from vrte.scene.boundary import Boundary
 CARRIED = 2  # terms of a phase function
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class TwoFluxes:
     """Orders of I, (order, n_tau, n_in, n_out), and fluxes (n_tau, n_in), of unit beams and of layers as cut."""
 

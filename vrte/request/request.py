@@ -18,6 +18,7 @@ from vrte.basics.arrays import (
     check_vector,
     freeze_copy,
     make_readonly,
+    record,
 )
 from vrte.basics.errors import SceneError
 from vrte.request.how import BY_RULE, EXACT, How, check_choice, check_options
@@ -27,7 +28,7 @@ from vrte.scene.illumination import check_physical, mirror_stokes, turn_to_light
 from vrte.scene.scene import Scene
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Wanted:
     """What becomes of a solution: ``parts``, indices of depths (n_level,) and directions (n_mu,) of each array of the
     result; ``place`` (n_col,) of a column in its last axis, shared ones add up; ``scale`` (n_in,)."""

@@ -3,10 +3,10 @@ and writes them."""
 
 import os
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
-from vrte.basics.arrays import Array, freeze_copy, is_readonly
+from vrte.basics.arrays import Array, freeze_copy, is_readonly, record
 from vrte.basics.errors import SceneError
 from vrte.basics.views import view
 
@@ -101,7 +101,7 @@ def describe_derivatives(jacobian: dict[str, Any] | None) -> str:
 NO_LIGHT = 1e-290  # per unit of incident light: below, numbers lose digits
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Solution:
     """Diffuse radiance of parts (n_level, n_in, n_mu, n_phi, 4, n_place), public frame; fluxes (n_tau, n_in, n_col)."""
 

@@ -5,12 +5,12 @@ beams that come in along the outgoing directions weigh the changes (the adjoint)
 `SlabModes.differentiate`, read backwards; its cost does not depend on how many coefficients there are.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from vrte import _core
-from vrte.basics.arrays import Array, IntArray
+from vrte.basics.arrays import Array, IntArray, record
 from vrte.basics.errors import SceneError
 from vrte.basics.memory import BYTES, PIECE_BYTES
 from vrte.basics.polarization import FLIP
@@ -41,7 +41,7 @@ from vrte.scene.boundary import BLACK
 from vrte.scene.vary import Variation
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Gradient:
     """Derivatives of one number with all that layers and base are made of, as `Linearized.vjp` finds them.
 

@@ -1,11 +1,11 @@
 """What a variation changes of a discrete problem: its truncated layers, the pieces they are cut into, its beams."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from vrte.basics.arrays import Array
+from vrte.basics.arrays import Array, record
 from vrte.basics.differences import sample_around
 from vrte.discrete_ordinates.orders.beam_paths import BeamPaths
 from vrte.discrete_ordinates.orders.media import Cut, find_beams, take_escapes, trace_sights
@@ -20,7 +20,7 @@ STEP = 1e-40  # imaginary step of a thickness (complex-step derivative): no diff
 FAR = 1e300  # optical thickness that stands for a semi-infinite layer
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class LayerChange:
     """Derivatives of a truncated layer: thickness, of stretch and gain as in `vrte.optics.truncation.Truncated`, and of
     the albedo times the coefficients, (terms, 6); ``whole`` (terms, 6): of all of its coefficients."""
@@ -68,7 +68,7 @@ def change_layer(problem: Problem, scene: Scene, k: int, variation: Variation, c
 ChangedInterfaces = Mapping[int, tuple[tuple[float, Interface], ...]]
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Change:
     """A variation as the stack of a `BeamPaths` meets it: its layers; the pieces' thickness (piece,); the beams, as
     `Passing` of Mueller matrices, None where no thickness changes; by number the rough interfaces whose weighted sums

@@ -2,13 +2,13 @@
 
 import itertools
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from vrte import _core
-from vrte.basics.arrays import Array, IntArray
+from vrte.basics.arrays import Array, IntArray, record
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.derivatives.changes import Change
 from vrte.discrete_ordinates.execution.through_interfaces import (
@@ -27,7 +27,7 @@ from vrte.scene.boundary import Boundary
 from vrte.scene.interface import Interface
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Bend:
     """Where beams change their direction once: what scatters them, unit power of them; ``pick`` of all beams those that
     come there, (source, n_in, 4, 4); the places of what they send out among all sources, (source,); the piece that

@@ -21,12 +21,11 @@ to either side and what it would be in between is interpolated, as smooth a func
 All arrays have Fourier orders in front; where modes oscillate, they are complex.
 """
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from vrte.basics.arrays import Array, IntArray
+from vrte.basics.arrays import Array, IntArray, record
 from vrte.discrete_ordinates.derivatives.functions import Decay
 
 APART = 7e-4  # relative distance of an eigenvalue to a direction's rate below which interpolation replaces it
@@ -37,7 +36,7 @@ DIM = 8.0  # e-folds of the slowest mode from which on the change of T is found 
 ASIDE, SHARES = np.array([-3.0, -2.0, -1.0, 1.0, 2.0, 3.0]), np.array([1.0, -6.0, 15.0, 15.0, -6.0, 1.0]) / 20.0
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Blocks:
     """A matrix on nodes and directions off them, one direction's Stokes parameters side by side: N (n, n), NI (n, r),
     ON (o, n)."""
@@ -47,7 +46,7 @@ class Blocks:
     ON: Array
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Faces:
     """Light that enters a slab, or what light that leaves it weighs, at the top and at the bottom: on the nodes,
     above and below (order, n, r), and along directions off them, falling and rising (d, r)."""
@@ -66,7 +65,7 @@ class Term(NamedTuple):
     right: Array
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Aside:
     """Rates of directions, some of them stepped around: rate (k,), share (k,), and the direction (k,) of each."""
 

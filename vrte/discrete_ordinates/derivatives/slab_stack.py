@@ -3,11 +3,11 @@ fields of the transposed stack, and tell what the light counts for that a change
 
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from vrte.basics.arrays import Array, IntArray
+from vrte.basics.arrays import Array, IntArray, record
 from vrte.basics.errors import AccuracyError
 from vrte.basics.memory import count_orders_at_once
 from vrte.basics.running import Run
@@ -37,7 +37,7 @@ FACETS = 1e-8  # accuracy of integrals over facets whose differences are derivat
 ALLOWED = 1e-9  # largest residual of modes and of what slabs do for which derivatives by modes are used
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class ChangedOrders:
     """Of some Fourier orders, for each variation: kernels (variation, order, n_tau, n_in, n_col, n_out, S), as those of
     `Orders`, and of order 0 flux (variation, 2, n_tau, n_in, n_col), up and down; residual (order,)."""
@@ -47,7 +47,7 @@ class ChangedOrders:
     residual: Array
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Piece:
     """A slab in the stack: its place, layer and medium, material and slab of this, and light along directions off the
     nodes, over the index of refraction: beams (n_in S, r) and weights of sights (n_sight S, r_weights)."""

@@ -4,7 +4,7 @@ import itertools
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from vrte import _core
 from vrte.basics import cost
-from vrte.basics.arrays import Array, BoolArray, IntArray, replace_unchecked
+from vrte.basics.arrays import Array, BoolArray, IntArray, record, replace_unchecked
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.execution.through_interfaces import list_vertices, show_vertices
 from vrte.discrete_ordinates.orders.discretise import sort_up_first
@@ -25,7 +25,7 @@ from vrte.scene.beams import find_cosines
 from vrte.scene.scene import Scene
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Light:
     """Multiply scattered light of some Fourier orders, with the same Stokes components and incident columns.
 
@@ -39,7 +39,7 @@ class Light:
     kernels: Any
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Target:
     """What light is added up into: the parts ``wanted`` of the radiance in scenes, and their discrete problem.
 
@@ -65,7 +65,7 @@ class Target:
         return np.array(self.problem.columns[:, 2:].any(axis=1), np.int32)
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Part:
     """One array of the result, values (scene n_level, n_in, n_mu, n_phi, 4, n_place).
 
@@ -82,7 +82,7 @@ class Part:
     values: Array
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Share:
     """The incident directions first .. last - 1 of a part."""
 
@@ -94,7 +94,7 @@ class Share:
 Adder = Callable[..., None]  # of a share, and of the run that does it, where that is another than it was prepared for
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Sum:
     """A result on its way: what is to be added up into its parts, zeros at first; ``in_closed_form``: whether single
     scattering is added so, in all layers, but where small angles are separated."""

@@ -1,12 +1,12 @@
 """Light scattered or reflected once, as it is seen through interfaces: in closed form over all Fourier orders."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from vrte import _core
-from vrte.basics.arrays import Array, IntArray
+from vrte.basics.arrays import Array, IntArray, record
 from vrte.basics.memory import BYTES, PIECE_BYTES
 from vrte.basics.polarization import FLIP
 from vrte.basics.running import Run
@@ -32,7 +32,7 @@ COLUMNS = np.arange(4, dtype=np.int32)
 Scatter = Callable[[int, int], Array]
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Vertex:
     """Where light changes its direction once: power (source, n_in, 4, n_col) of beams there, through a horizontal
     plane; escapes (n_tau, n_out, 4, source, 4): what is seen of what is sent out; scatter(first, last): radiance

@@ -5,7 +5,7 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from vrte.basics.arrays import Array, IntArray, make_readonly
+from vrte.basics.arrays import Array, IntArray, make_readonly, record
 from vrte.basics.errors import AccuracyError, AccuracyWarning, warn_user
 from vrte.basics.polarization import FLIP
 from vrte.basics.quadrature import make_refracted_nodes
@@ -22,7 +22,7 @@ ROUNDING = 1e-13  # rounding error of R^m, relative
 LARGEST_ERROR = 1e-3  # error of light by integrals that do not converge, beyond which the solve is refused
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Base:
     """What the base does, order by order, in the scaled and flipped frame.
 
@@ -36,6 +36,11 @@ class Base:
     out: Array
     azimuths: int = 0
     is_black: bool = False
+
+    @property
+    def arguments(self) -> dict[str, Array]:
+        """Its operators, as the core takes them."""
+        return {"base": self.matrix, "base_source": self.source, "base_out": self.out}
 
     def find_rows(self, orders: IntArray, slab_stack: IntArray) -> IntArray:
         """The row of each item (item,): of ``orders`` of the scenes ``slab_stack``."""
@@ -84,7 +89,9 @@ def count_base_rows(problem: Problem, n_order: int) -> int:
 def expand_base(boundary: Boundary, problem: Problem, n_order: int, accuracy: float = DEFAULT_ACCURACY) -> Base:
     """The base's operators for the orders 0 .. n_order - 1; ``accuracy``: relative, of the light they lead to."""
     if isinstance(boundary, EvenBases):
-        return expand_even_bases(boundary.albedos, problem)
+        albedos = boundary.albedos
+        sends = problem.conserves and albedos.any()
+        return expand_even_bases(albedos, problem) if sends else make_black_base(problem, n_order)
     if not boundary.orders_reflected or not (boundary.mixes_stokes or problem.conserves):
         return make_black_base(problem, n_order)
     orders, azimuths = find_reflected_orders(boundary, problem, n_order, accuracy)
@@ -97,13 +104,11 @@ def expand_base(boundary: Boundary, problem: Problem, n_order: int, accuracy: fl
 
 
 def expand_even_bases(albedo: Array, problem: Problem) -> BaseOfScenes:
-    """What each scene's even base (scene,) does in order 0, a row each; one row where nothing comes back."""
-    seen = problem.conserves and bool(albedo.any())
+    """What each scene's even base (scene,) does in order 0, a row each."""
     into, out, stokes = problem.nodes.size + problem.mu0.size, problem.nodes.size + problem.mu_out.size, problem.stokes
-    orders = np.zeros((albedo.size if seen else 1, into, out, len(stokes), len(stokes)))
-    if seen:
-        orders[..., 0, 0] = FLIP[0] * (2.0 * albedo[:, None, None])
-    row = np.where((albedo > 0.0) & problem.conserves, np.arange(albedo.size), -1).astype(np.int32)
+    orders = np.zeros((albedo.size, into, out, len(stokes), len(stokes)))
+    orders[..., 0, 0] = FLIP[0] * (2.0 * albedo[:, None, None])
+    row = np.where(albedo > 0.0, np.arange(albedo.size), -1).astype(np.int32)
     return BaseOfScenes(row, *make_base_operators(problem, orders))
 
 

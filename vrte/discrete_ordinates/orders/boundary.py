@@ -1,14 +1,13 @@
 """What lies above the layers of a problem: nothing, or an interface that is a condition at their top."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from vrte.basics.arrays import Array, IntArray
+from vrte.basics.arrays import Array, IntArray, record
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Top:
     """An interface above the layers, in the scaled and flipped frame: row (order,), of `reflection` (row, block, b, b),
     which light coming up goes down again by, S x S along each node or n x n; sent (order, n_rhs, n): light on the nodes

@@ -2,13 +2,12 @@
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from vrte import _core
-from vrte.basics.arrays import Array, BoolArray, IntArray
+from vrte.basics.arrays import Array, BoolArray, IntArray, record
 from vrte.basics.running import Run, ThreadTeam
 from vrte.discrete_ordinates.orders.base import Base
 from vrte.discrete_ordinates.orders.boundary import OPEN, Top
@@ -16,12 +15,12 @@ from vrte.discrete_ordinates.orders.phase_assembly import assemble
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.slabs import find_materials, merge_materials
 from vrte.discrete_ordinates.orders.solved import Orders
-from vrte.discrete_ordinates.orders.stages import RESIDUALS, complain_of_order, finish_stages, list_known, select_read
+from vrte.discrete_ordinates.orders.stages import RESIDUALS, complain_of_order, finish_stages, list_known
 
 STAGES = ("assembly", "homogeneous", "particular", "boundary", "reconstruction")
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class FusedModes:
     """Radiance (item, n_tau, n_in, n_col, n_out, S) of an order of a scene for a unit beam, public frame; flux (item,
     2, n_tau, n_in, n_col) up and down; rising (item, n_rhs, n): light that comes up to what lies above; residual (2,
@@ -35,7 +34,7 @@ class FusedModes:
     missed: IntArray
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Part:
     """What one set of Stokes parameters has in a call: its problem, ``orders`` (item,) of the scenes ``slab_stack``
     (item,), the base with the row (item,) of each, -1 for none, and what lies above."""
@@ -53,14 +52,16 @@ def run_fused_modes(parts: Sequence[Part], quick: bool, run: Run, twin: IntArray
     several scenes the problems' layers and levels lie one behind the other; ``twin`` (layer,): of each layer of a scene
     the first that is made of the same."""
     team, begin = ThreadTeam(run.threads, np.zeros(run.threads), run.stop), time.perf_counter()
-    answers = _core.call_together("fused_modes", team, [gather_arguments(part, quick, twin) for part in parts])
+    shared = list_known(parts[0].problem, parts[0].orders, quick)
+    shared |= {"twin": twin, "balanced": not parts[0].problem.is_exact}
+    answers = _core.call_together("fused_modes", team, [gather_arguments(part) for part in parts], shared)
     spent, missed, residual = (
         np.concatenate([answer[name] for answer in answers], axis=axis)
         for name, axis in (("spent", 0), ("missed", 0), ("residual", 1))
     )
     note_stages(run, time.perf_counter() - begin, spent.sum(axis=0).tolist())
     worst, last, found = residual.max(axis=2), 0, []
-    if missed.any():
+    if np.count_nonzero(missed):
         worst[:, missed[:, 0] != 0] = np.nan
     for part, answer in zip(parts, answers, strict=True):
         own, first, last = part.problem, last, last + part.orders.size
@@ -71,12 +72,19 @@ def run_fused_modes(parts: Sequence[Part], quick: bool, run: Run, twin: IntArray
     return found
 
 
-def gather_arguments(part: Part, quick: bool, twin: IntArray) -> dict[str, Any]:
-    """What the core takes for a part."""
-    base = None if part.base.is_black else part.base
-    known = list_known(part.problem, part.orders, quick, base, part.top)
-    known |= {"slab_stack": part.slab_stack, "base_row": part.base_row, "flip": part.problem.flip, "twin": twin}
-    return select_read("fused_modes", known | {"balanced": not part.problem.is_exact})
+def gather_arguments(part: Part) -> dict[str, Any]:
+    """What the core takes for a part beside what is the same of all."""
+    problem, base, top = part.problem, part.base, part.top
+    own = {
+        "orders": part.orders,
+        "slab_stack": part.slab_stack,
+        "members": problem.members,
+        "columns": problem.columns,
+        "conserving": problem.conserves,
+        "base_row": part.base_row,
+        "flip": problem.flip,
+    }
+    return own | ({} if base.is_black else base.arguments) | (top.arguments_of(part.orders) if top is not OPEN else {})
 
 
 def find_twins(problem: Problem) -> IntArray:
@@ -95,7 +103,7 @@ def solve_by_modes(
         return solve_by_stages(problem, orders, base, quick, run, top)
     part = Part(problem, orders, np.zeros_like(orders), base, base.row[orders], top)
     (found,) = run_fused_modes([part], quick, run, find_twins(problem))
-    if found.missed.any():
+    if np.count_nonzero(found.missed):
         index = int(np.argmax(found.missed[:, 0] != 0))
         stage, layer = found.missed[index].tolist()
         complain_of_order(STAGES[stage], orders, np.array([index, layer][: 1 + (stage == 1)]))

@@ -1,15 +1,15 @@
 """Section 2.C.1, homogeneous solution: the halved eigenproblem (1:43), with its complex pairs."""
 
-from dataclasses import dataclass, fields
+from dataclasses import fields
 
-from vrte.basics.arrays import Array, IntArray
+from vrte.basics.arrays import Array, IntArray, record
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.stages import list_known, run_stage
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Modes:
     """lam_re, lam_im (order, layer, n); X, Y and X's factors (order, layer, n, n); residual (order, layer)."""
 

@@ -1,12 +1,11 @@
 """Reflection of a semi-infinite layer by invariance: Ambarzumian's functions as matrices, without an eigenproblem."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from vrte import _core
-from vrte.basics.arrays import Array, IntArray
+from vrte.basics.arrays import Array, IntArray, record
 from vrte.basics.errors import AccuracyError
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.boundary import OPEN, Top
@@ -23,7 +22,7 @@ def is_halved(problem: Problem) -> bool:
     return problem.skip_flags.coarse and plain and problem.nodes.size >= _core.FEWEST_TO_HALVE
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Reflected:
     """kernels (order, 1, n_in, n_col, n_out, S), public frame; on_nodes (order, n_in n_col, n), light that comes up to
     the top; residual, steps (order,)."""

@@ -1,13 +1,13 @@
 """Directions of a problem whose layers lie in several media, linked by Snell's law in this one place."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
 
-from vrte.basics.arrays import Array, IntArray
+from vrte.basics.arrays import Array, IntArray, record
 from vrte.basics.quadrature import RefractedNodes
 from vrte.scene.beams import (
     Depths,
@@ -26,7 +26,7 @@ Found = TypeVar("Found")
 RISING, ARRIVING, LEAVING, ENTERING = range(4)  # ways of light at an interface: up below, down above, up above, down
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Media:
     """What a problem is in beside its layers: the scene whose interfaces and base lie between them, the nodes of all
     media, where the depths lie, and the flakes of each truncated layer, if any has them."""
@@ -66,7 +66,7 @@ class Media:
         return found
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Cut:
     """The layers cut wherever the field is wanted: pieces, and an interface above each and below the last.
 
@@ -110,7 +110,7 @@ def find_rough_places(media: Media, cut: Cut) -> list[int]:
     return [index for index, interface in enumerate(cut.interface.tolist()) if interface in rough]
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Sights:
     """Directions that light is seen along, off the nodes: cosines (medium, n_sight), 0 where they do not go; place
     (n_tau, n_out): which of them each outgoing direction of a problem is at each depth; index (n_tau,)."""

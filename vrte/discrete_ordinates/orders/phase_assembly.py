@@ -1,17 +1,15 @@
 """Section 3.A, first step: E and F of (1:41), and the rows and columns that lead out of and into the nodes."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from vrte import _core
-from vrte.basics.arrays import Array, IntArray
+from vrte.basics.arrays import Array, IntArray, record
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.oriented_flakes import add_flakes
 from vrte.discrete_ordinates.orders.problem import Problem
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Assembled:
     """E, F (order, layer, n, n); G_E, G_F (order, layer, n, 4 n_out); source_s, source_d (order, layer, 4 n_in, n)."""
 

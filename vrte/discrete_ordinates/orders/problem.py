@@ -1,12 +1,11 @@
 """The discrete problem every stage works on: arrays only, no class of the scene."""
 
-from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any, TypedDict
 
 import numpy as np
 
-from vrte.basics.arrays import Array, IntArray, replace_unchecked
+from vrte.basics.arrays import Array, IntArray, record, replace_unchecked
 from vrte.basics.polarization import FLIP
 from vrte.discrete_ordinates.orders.media import Media
 from vrte.discrete_ordinates.orders.skip_flags import EVERYTHING, SkipFlags
@@ -27,7 +26,7 @@ class PhaseArguments(TypedDict):
     n_out: int
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Problem:
     """Layers, directions and incident beams in the solver's frame (docs/reference/conventions.md).
 
@@ -176,13 +175,14 @@ class Problem:
     @cached_property
     def is_scalar(self) -> bool:
         """Whether I alone is scattered."""
-        return not (self.coefficients[..., 1:].any() or any(self.oriented))
+        return not (np.count_nonzero(self.coefficients[..., 1:]) or any(self.oriented))
 
     @property
     def is_symmetric(self) -> bool:
         """Whether E and F are symmetric: U and V do not mix."""
-        mixes = self.coefficients[..., 5].any() or any(self.oriented)
-        return not (2 in self.stokes and 3 in self.stokes and mixes)
+        if 2 not in self.stokes or 3 not in self.stokes:
+            return True
+        return not (np.count_nonzero(self.coefficients[..., 5]) or any(self.oriented))
 
     @property
     def conserves(self) -> bool:

@@ -5,12 +5,12 @@ both are the same on either side of an interface, which then only shares out wha
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from vrte import _core
-from vrte.basics.arrays import Array, IntArray
+from vrte.basics.arrays import Array, IntArray, record
 from vrte.basics.errors import AccuracyError
 from vrte.basics.memory import count_orders_at_once
 from vrte.basics.running import Run
@@ -27,7 +27,7 @@ Responder = Callable[[Problem, IntArray, Array, IntArray, Run], Responding]
 CUT, SMOOTH, ROUGH = range(3)  # kinds of interfaces in core/stack.pxi
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Medium:
     """Layers of one refractive index: the distinct materials as a problem's layers, the distinct slabs made of them,
     material and thickness (slab,), and in the stack the pieces (piece,), each of a slab, of (piece,)."""

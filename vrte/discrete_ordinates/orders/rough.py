@@ -9,11 +9,11 @@ Light is as it is where it comes from above: from below it is the same surface i
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
-from vrte.basics.arrays import Array, Remembered
+from vrte.basics.arrays import Array, Remembered, record
 from vrte.basics.quadrature import RefractedNodes
 from vrte.basics.running import Run
 from vrte.optics.facet_energy import find_lost, find_strengths
@@ -24,7 +24,7 @@ _EXPANDED = Remembered()
 REFLECTED, TRANSMITTED = np.array([1.0, 1.0, -1.0, 1.0]), np.array([1.0, 1.0, 1.0, -1.0])  # Q, and of orders Q D
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class FacetOrders:
     """R^m of facets between the nodes of both media, (order, into, out, 4, 4), of light from one side to an accuracy:
     the radiance of order m is the sum of R^m weight mu L over nodes, R^m mu F of a beam, as in

@@ -1,11 +1,10 @@
 """Rough interfaces as interfaces of a stack: their orders in the solver's scaling, flipped frame."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from vrte.basics.arrays import Array, IntArray
+from vrte.basics.arrays import Array, IntArray, record
 from vrte.basics.polarization import FLIP
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.media import ENTERING, LEAVING, Media
@@ -13,7 +12,7 @@ from vrte.discrete_ordinates.orders.rough import FacetOrders
 from vrte.scene.interface import Interface
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Way:
     """Light that a rough interface reflects, or lets through, from one side: in each order to all nodes from all nodes,
     nodes (order, n, n), and from beams of unit power, entering (order, n_in, S, n); along the sights from all nodes,
@@ -45,7 +44,7 @@ class Way:
         return weights.T @ rows.reshape(orders.size, -1, rows.shape[-1])
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class RoughInterface:
     """Reflection of light from above, from below, and what goes down and up through it."""
 
@@ -73,7 +72,7 @@ class RoughInterface:
         )
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Side:
     """One side of a rough interface: its refractive index; cosines of beams that come there and of sights that light
     goes to, 0 where there is none, (n_in,) and (n_sight,), or None where all are dark; whether light on nodes comes

@@ -5,12 +5,12 @@ Scaled by sqrt(weight mu) on the nodes and flipped, light going up has U and V t
 the same to light from above and from below.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, Protocol
 
 import numpy as np
 
-from vrte.basics.arrays import Array, IntArray
+from vrte.basics.arrays import Array, IntArray, record
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.doubling import double_slabs
 from vrte.discrete_ordinates.orders.homogeneous import Modes, find_modes
@@ -36,7 +36,7 @@ class Responding(Protocol):
         below, up at the top and down at the bottom: (2, order, piece, r, o)."""
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Response:
     """R (0) and T (1) of slabs, each (slab, order, 2, ...), rows first: nodes (n, n) from the scaled field on the
     nodes; entering (n, r) from beams of unit flux; leaving (o, n) into directions off the nodes, radiance times 2 pi;

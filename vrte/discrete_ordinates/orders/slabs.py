@@ -1,20 +1,19 @@
 """A scene as a stack of homogeneous slabs, cut wherever the field is wanted, and the slabs joined, (2:8)."""
 
 import itertools
-from dataclasses import dataclass
 from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from vrte.basics.arrays import Array, IntArray, replace_unchecked
+from vrte.basics.arrays import Array, IntArray, record, replace_unchecked
 from vrte.basics.errors import AccuracyError
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.base import Base
 from vrte.discrete_ordinates.orders.problem import Problem
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Slabs:
     """R, T (order, slab, blocks), see core/doubling.pxi; lost (order, slab, n); residual (order, slab, 2) of
     R and of T; doublings (order, slab)."""
@@ -26,7 +25,7 @@ class Slabs:
     doublings: IntArray
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class SlabStack:
     """Which slab lies where; equal slabs are doubled once.
 

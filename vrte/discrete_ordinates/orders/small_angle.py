@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vrte.basics.arrays import Array, IntArray
+from vrte.basics.arrays import Array, IntArray, record
 from vrte.basics.differences import divide_exp_once
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.single_scattering import measure_distance
@@ -39,7 +39,7 @@ TOGETHER = 30_000  # degrees times directions per batch: matrices of about 30 MB
 ComplexArray = NDArray[np.complex128]
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Spreading:
     """S_l of one phase matrix, in its blocks (I, Q) and (U, V).
 
@@ -96,7 +96,7 @@ class Spreading:
         return np.broadcast_to(np.eye(2), (terms, 2, 2, 2))
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class ScalarSpreading:
     """S_l where polarization plays no part, ``mean`` (l,): the same calls, functions (..., l)."""
 
@@ -151,7 +151,7 @@ class Beam:
     degrees: Array
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Anisotropic:
     """The anisotropic part of a scene, and what one scattering of it sends out; ``problem``: truncated by delta-M."""
 
@@ -237,7 +237,7 @@ def count_scratch_doubles(scene: Scene) -> float:
     return 8.0 * len(scene.layers) * terms + 16.0 * matrices * terms + 120.0 * max(TOGETHER, terms)
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Ray:
     """The part of layer ``layer`` that light at level ``level``, on its way up or down, comes through."""
 

@@ -1,11 +1,9 @@
 """What a route finds of some Fourier orders."""
 
-from dataclasses import dataclass
-
-from vrte.basics.arrays import Array
+from vrte.basics.arrays import Array, record
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Orders:
     """Multiply scattered light of some Fourier orders.
 

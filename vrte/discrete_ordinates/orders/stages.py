@@ -46,9 +46,7 @@ def list_known(
         **top.arguments_of(orders),
         **problem.slants,
     }
-    if base is not None:
-        known |= {"base": base.matrix, "base_source": base.source, "base_out": base.out}
-    return known
+    return known if base is None else known | base.arguments
 
 
 def run_stage(name: str, known: dict[str, Any], run: Run) -> Any:

@@ -2,7 +2,6 @@
 poles of tanh(x)/x, inside by sums of cosh(z x)/cosh(x) and sinh(z x)/cosh(x)."""
 
 import math
-from dataclasses import dataclass
 from functools import cache
 from typing import ClassVar
 
@@ -10,7 +9,7 @@ import numpy as np
 import scipy.linalg
 
 from vrte import _core
-from vrte.basics.arrays import Array, IntArray
+from vrte.basics.arrays import Array, IntArray, record
 from vrte.basics.errors import AccuracyError
 from vrte.basics.memory import count_orders_at_once
 from vrte.basics.running import Run
@@ -30,7 +29,7 @@ PLACES_INSIDE, LOW, LADDER = 20, 10, 0.17  # of poles for all depths: places a f
 CONVERGED = 1e-3  # error of an order's moments, as a fraction of the requested accuracy, at which GMRES stops
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Tangent:
     """tanh(x)/x = constant + sum share/(x^2 + place), all positive; ``place``, ``share`` (pole,)."""
 
@@ -104,7 +103,7 @@ def fit_depths(largest: float, depths: Array) -> tuple[Tangent, Array]:
     return Tangent(basis.place, np.ascontiguousarray(tanh[1:]), float(tanh[0])), np.ascontiguousarray(shares[:, :-1])
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Columns:
     """Least squares by columns of the lengths given, places counted by ``weights``: orthogonal ones (place, column)
     times a triangle."""
@@ -120,7 +119,7 @@ class Columns:
         return shares / self.lengths[:, None]
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Basis:
     """A constant and fractions of poles ``place`` (pole,) at places ``x``; the columns of ``odd`` times x/tanh(x)."""
 
@@ -147,7 +146,7 @@ def find_basis(largest: float) -> Basis:
     return Basis(x, index, factor(columns), factor(columns * (x / np.tanh(x))[:, None]))
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Faces:
     """Light that leaves slabs, up at the top and down at the bottom: ``out`` (order, scene, 2, n_rhs, S n_out), times
     2 pi for a unit beam, ``on_nodes`` (order, scene, 2, n_rhs, n), times sqrt(weight mu); residual (order, scene).

@@ -1,18 +1,17 @@
 """The azimuths of a result, folded by mirror symmetry: Z(-phi) = D Z(phi) D, D = diag(1, 1, -1, -1)."""
 
-from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 
-from vrte.basics.arrays import Array, IntArray
+from vrte.basics.arrays import Array, IntArray, record
 
 MOST_NUMBERS = 20_000  # in a table of cosines that is kept
 MOST_AZIMUTHS = 4000  # that are kept with what was made of them
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Azimuths:
     """Distinct azimuths from 0 to 180 degrees, and which of them each azimuth asked for is.
 

@@ -2,14 +2,13 @@
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from vrte.basics import cost
-from vrte.basics.arrays import Array, BoolArray, IntArray, replace_unchecked
+from vrte.basics.arrays import Array, BoolArray, IntArray, record, replace_unchecked
 from vrte.discrete_ordinates.orders.base import EvenBases
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.single_interface import is_under_one_surface
@@ -34,7 +33,7 @@ from vrte.scene.boundary import BLACK, Boundary
 TRAPPED = 30.0  # largest gain by internal reflection at a surface, in light returned from a depth
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Block:
     """orders (k,), the Stokes parameters and the incident columns (places in the request's) they are solved for, the
     reduced problem and its base, and which algorithm takes it. Of several scenes ``wanted`` (k, scene) says which

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -144,7 +145,8 @@ def count_all_doubling_steps(problem: Problem) -> list[DoublingSteps]:
 
 def compare_with_doubling(problem: Problem, doubling: DoublingSteps) -> tuple[bool, float]:
     """Whether doubling is taken in the place of modes, and its predicted time over theirs."""
-    ratio = predict_doubling_time(problem, doubling)
+    sizes = problem.size, problem.rows_out, problem.n_rhs, problem.layers, problem.is_symmetric
+    ratio = predict_doubling_time(*sizes, doubling)
     return doubling.thin or (not doubling.thick and ratio < cost.WORTH_DOUBLING), ratio
 
 
@@ -250,12 +252,13 @@ def count_doubling_steps(thickness: float, lowest: float) -> float:
     return cost.STEPS_ENDLESS if math.isinf(thickness) else math.ceil(math.log2(max(thickness / lowest, 1.0))) + 2.0
 
 
-def predict_doubling_time(problem: Problem, doubling: DoublingSteps) -> float:
-    """Predicted time of an order by doubling over that by modes, from operations over n^2."""
-    n, off = float(problem.size), float(problem.rows_out)
+@lru_cache(maxsize=256)
+def predict_doubling_time(n: int, off: int, n_rhs: int, layers: int, symmetric: bool, doubling: DoublingSteps) -> float:
+    """Predicted time of an order by doubling over that by modes, from operations over n^2, of n unknowns of a
+    hemisphere and ``off`` rows off the nodes."""
     solving, leaving = (
-        (cost.MODES_SYMMETRIC, cost.OFF_SYMMETRIC) if problem.is_symmetric else (cost.MODES_GENERAL, cost.OFF_GENERAL)
+        (cost.MODES_SYMMETRIC, cost.OFF_SYMMETRIC) if symmetric else (cost.MODES_GENERAL, cost.OFF_GENERAL)
     )
-    modes = doubling.materials * solving * n + problem.layers * (cost.BOUNDARY * n + leaving * off)
-    doubled = cost.DOUBLING_STEP * doubling.steps * (n + problem.n_rhs + 0.5 * off) + cost.ADDING * doubling.slabs * n
+    modes = doubling.materials * solving * float(n) + layers * (cost.BOUNDARY * n + leaving * off)
+    doubled = cost.DOUBLING_STEP * doubling.steps * (n + n_rhs + 0.5 * off) + cost.ADDING * doubling.slabs * n
     return doubled / modes

@@ -3,7 +3,6 @@
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache, lru_cache
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 
 from vrte import _core
 from vrte.basics import cost
-from vrte.basics.arrays import Array, BoolArray, IntArray, replace_unchecked
+from vrte.basics.arrays import Array, BoolArray, IntArray, record, replace_unchecked
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.single_interface import replace_dark
@@ -40,7 +39,7 @@ UNPOLARIZED: dict[str, Any] = {  # incident light of I alone, as the core takes 
 Sets = tuple[tuple[tuple[int, ...], ...], ...]  # of Stokes parameters that each order keeps apart
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class OrderBounds:
     """by_layer (scene layer, order), its largest in each scene, strength (scene, order), bounds (scene, order): see
     `order_bounds` in core/bounds.pxi."""

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from vrte.basics.arrays import Array, BoolArray, check_choice, check_number, check_whole
+from vrte.basics.arrays import Array, BoolArray, check_choice, check_number, check_whole, record
 from vrte.basics.errors import SceneError
 from vrte.basics.quadrature import make_double_gauss
 from vrte.basics.running import Progress, Run
@@ -56,7 +56,7 @@ def discretise_request(request: Request, nodes: int | None = None, peaks: Any = 
     )
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Task:
     """A request, with all settings of its method, and what it runs on."""
 

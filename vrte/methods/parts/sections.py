@@ -6,13 +6,12 @@ interface: it is reflected and refracted to and fro along its direction, in clos
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from vrte import _core
-from vrte.basics.arrays import Array
+from vrte.basics.arrays import Array, record
 from vrte.discrete_ordinates.orders.base import DEFAULT_ACCURACY
 from vrte.discrete_ordinates.orders.beam_paths import BeamPaths
 from vrte.discrete_ordinates.orders.media import find_decaying_of_pieces, join_pieces
@@ -32,7 +31,7 @@ ROUNDING = 1e-12  # of a layer's thickness: edges of panels that are the same
 Faces = tuple[Array, Array]  # light that leaves a section, up at its top and down at its bottom
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Light:
     """Diffuse light at Gauss points, (2, panel, POINTS, n, b), and ``edges`` (4, interface, n, b): arriving at and
     leaving each interface above it, entering and rising below it."""
@@ -93,7 +92,7 @@ class Paths:
         return np.stack(found), (faces[1], faces[0])
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Section:
     """A slab that scatters: ``place`` in the stack, layer, tops and sizes of its panels (panel,), where they are among
     all; fluxes of unit beams from above and below (n_in, S, n_col) over index^2."""

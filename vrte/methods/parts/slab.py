@@ -8,14 +8,14 @@ light from above and from below.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from vrte import _core
-from vrte.basics.arrays import Array, IntArray
+from vrte.basics.arrays import Array, IntArray, record
 from vrte.basics.differences import divide_exp_once
 from vrte.basics.errors import AccuracyError
 from vrte.basics.polarization import FLIP
@@ -77,7 +77,7 @@ class Scattered(NamedTuple):
     back: Array
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class OnNodes:
     """A problem seen as rows and columns; its columns (n_col, S) are incident Stokes vectors."""
 
@@ -194,7 +194,7 @@ def weigh_upward(z: Array, points: int) -> Array:
     return np.concatenate([mirrored[:-1][::-1], mirrored[-1:]])
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Slab:
     """Diffuse reflection R and transmission T (r, c) of a slab of optical thickness tau."""
 

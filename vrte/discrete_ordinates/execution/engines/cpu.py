@@ -12,7 +12,7 @@ import numpy as np
 
 from vrte import _core
 from vrte.basics import cost
-from vrte.basics.arrays import IntArray, replace_unchecked
+from vrte.basics.arrays import IntArray, record, replace_unchecked
 from vrte.basics.errors import AccuracyError
 from vrte.basics.memory import ALWAYS_THERE, BYTES, PIECE_BYTES
 from vrte.basics.running import Run, keep_to_one_thread, run_jobs
@@ -202,7 +202,7 @@ def tell_more(report: Callable[[int], None], before: int, done: int) -> None:
     report(before + done)
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Job:
     """A few orders of a piece, on their route."""
 
@@ -359,11 +359,12 @@ def find_doubts(found: Orders, allowed: Mapping[str, float]) -> dict[int, str]:
     """What is wrong with each of the orders that cannot be verified, by their places among those found."""
     doubts: dict[int, str] = {}
     for name, values in found.residuals.items():
+        most = allowed[name]
         for index, value in enumerate(values.tolist()):
-            if not value <= allowed[name]:
-                doubts[index] = f"{name} {value:.2g}, allowed {allowed[name]:g}"
+            if not value <= most:
+                doubts[index] = f"{name} {value:.2g}, allowed {most:g}"
     finite = np.isfinite(found.kernels)
-    if not finite.all():
+    if np.count_nonzero(finite) < finite.size:
         wrong = np.flatnonzero(~finite.all(axis=tuple(range(1, finite.ndim)))).tolist()
         doubts |= dict.fromkeys(wrong, "the answer is not finite")
     return doubts

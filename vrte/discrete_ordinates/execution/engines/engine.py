@@ -2,12 +2,12 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any, Protocol
 
 import numpy as np
 
-from vrte.basics.arrays import Array, IntArray
+from vrte.basics.arrays import Array, IntArray, record
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.execution.sums import Adding, Light
 from vrte.discrete_ordinates.orders.problem import Problem
@@ -15,7 +15,7 @@ from vrte.discrete_ordinates.planning.blocks import Block
 from vrte.discrete_ordinates.planning.plan import Plan
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Piece:
     """Orders of a block, to be solved by the algorithm ``name``.
 
@@ -41,7 +41,7 @@ class Piece:
         return replace(self, orders=self.orders[:middle]), replace(self, orders=self.orders[middle:])
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Answer:
     """What an engine found for a piece.
 

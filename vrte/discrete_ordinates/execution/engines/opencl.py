@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vrte import _core
-from vrte.basics.arrays import Array, IntArray, replace_unchecked
+from vrte.basics.arrays import Array, IntArray, record, replace_unchecked
 from vrte.basics.memory import ALWAYS_THERE, BYTES, find_available_bytes
 from vrte.basics.running import Run, ThreadTeam
 from vrte.cl import assembly, doubling, invariance, joining, reconstruction, sums
@@ -74,7 +74,7 @@ def run_alone(stage: Callable[..., Any], opened: Session, *arguments: Any, **nam
         return stage(opened, *arguments, **named)
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Found:
     """Fourier orders of scenes, one scene behind the other: kernels (item, n_tau, n_in, n_col, n_out, S) in the
     public frame; flux (item, n_tau, 2, n_in, n_col), up and down; residuals by name, (item,)."""
@@ -310,7 +310,7 @@ def count_matrix_bytes(piece: Piece) -> float:
     return 8.0 * STACKS * piece.orders.size * slabs * rows * columns
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Batch:
     """Pieces and their stacks, whose materials, pairs of (order, material) and slabs of orders lie one behind the
     other; directions and Stokes parameters are the same for all."""
