@@ -131,9 +131,8 @@ def check_depths(values: Any, scene: Scene) -> Array:
     rounding = len(scene.layers) * np.finfo(float).eps * total if math.isfinite(total) else 0.0  # of any sum of layers
     bad = np.abs(array - within) > rounding
     if bad.any():
-        raise SceneError.of(
-            "tau", f"must lie between 0 and the total optical thickness {total:g}, not at {array[bad][0]}"
-        )
+        words = f"must lie between 0 and the total optical thickness {total:g}, not at {array[bad][0]}"
+        raise SceneError.of("tau", words)
     return make_readonly(np.where(total - within <= rounding, total, within)) if rounding else array
 
 
