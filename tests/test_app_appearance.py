@@ -245,6 +245,8 @@ def test_every_paint_to_begin_with_has_sliders_and_an_appearance() -> None:
         sliders = list_sliders(content)
         assert any(one.place[-1] == "thickness_um" for one in sliders)
         assert any(one.place[0] == "particles" or "flakes" in one.place for one in sliders)
+        rough = [layer for layer in content["layer"] if "roughness" in layer.get("interface", {})]
+        assert [one.place[-1] for one in sliders].count("roughness") == len(rough)
         for slider in sliders:
             value = read_fraction(get_value(content, slider.place))
             assert slider.reaches(value)

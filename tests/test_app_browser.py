@@ -525,9 +525,10 @@ FINISHED = """() => [...document.querySelectorAll('.vrte-status .vrte-note')].so
     && !document.querySelector('.vrte-status .q-spinner')?.checkVisibility()"""
 # after every change of the page, once a slider has moved: the first swatch's colour, and whether it is grey
 WATCH = """() => { window.seen = [];
-    const moved = document.querySelector('.vrte-bars').innerText;
+    const read = () => [...document.querySelectorAll('.vrte-bars input')].map(one => one.value).join();
+    const moved = read();
     new MutationObserver(() => {
-        if (document.querySelector('.vrte-bars').innerText == moved) return;
+        if (read() == moved) return;
         const now = document.querySelector('.vrte-now');
         window.seen.push([now.querySelector('.vrte-drawdown > div').ariaLabel, now.classList.contains('vrte-old')]);
     }).observe(document.body, {subtree: true, childList: true, characterData: true, attributes: true}); }"""
@@ -581,6 +582,25 @@ def test_a_slider_changes_the_colours_at_once(open_tab: Callable[..., Tab]) -> N
     tab.waits_for(moved, arg=f"{thickness:g}")
     tab.choose("illuminant", "A, light bulb")
     tab.waits_for(SWATCH_CHANGES, arg=after)
+
+
+def test_a_page_begins_with_what_its_user_has(open_tab: Callable[..., Tab], tmp_path: Path) -> None:
+    tab = open_tab()
+    tab.button("A paint").click()
+    tab.says(re.compile(r"^hiding thickness [\d.]+ µm \(contrast ratio 0.98\), [\d.]+ m²/l"))
+    tab.button("A paint").wait_for(state="hidden")
+    tab.fill("thickness [µm], number", "20")  # beside the slider
+    tab.waits_for("document.querySelector('.vrte-left [aria-label=\"thickness [µm]\"]').value == '20'")
+    tab.fill("albedo of the white card, number", "0.7")
+    tab.waits_for(FINISHED)
+    page = tab.download("Download", tmp_path, "page of the paint, HTML (reads off all of it)")
+    assert page.name == "paint.html"
+    assert "spreading rate" in page.read_text(encoding="utf-8").lower()
+    other = open_tab(size=(390, 844))
+    other.button("An atmosphere").click()
+    other.says(re.compile("^Solved: "))
+    assert "Subsurface radiance" in other.wait_for_figure()["title"]
+    assert other.evaluate("document.documentElement.scrollWidth") == 390
 
 
 def test_a_rough_paint_is_shown_and_the_page_answers_meanwhile(tab: Tab) -> None:

@@ -27,6 +27,7 @@ DIGITS = 6  # of a value that goes to the form
 STEPS = 200  # of a slider, by equal factors from end to end
 MOST_SLIDERS = 12  # that the page shows
 LENGTHS_UM, FRACTIONS = (1.0, 300.0), (0.001, 0.6)
+ROUGHEST = 0.6  # of a slider
 TILTS = 2.0, 30.0  # [degrees] of a slider
 CHOOSE = "begin with a paint here, or with a material in the Gallery"
 
@@ -143,7 +144,7 @@ def put_values(content: Content, values: Mapping[Place, float]) -> Content:
 
 
 def list_sliders(content: Content) -> list[FormNumber]:
-    """Sliders of the layers of particles with a geometrical thickness, of their sizes, and of the tilt of flakes."""
+    """Sliders of the layers of particles with a geometrical thickness, their sizes, tilts of flakes, and roughness."""
     filled = [place for place, _ in list_filled(content)]
     ends: dict[Place, tuple[float, float]] = {}  # 0: around what it is
     sizes: dict[Place, tuple[float, float]] = {}
@@ -157,6 +158,9 @@ def list_sliders(content: Content) -> list[FormNumber]:
             if name in content.get("particles", {}):
                 (below, *_) = form.list_size_places(form.get_size_mode(content["particles"][name]))
                 sizes["particles", name, *below] = 0.0, 0.0
+    for number, layer in enumerate(content["layer"]):
+        if form.is_interface(layer):
+            ends["layer", number, "interface", "roughness"] = ROUGHNESS[0], ROUGHEST
     found = []
     for place, (low, high) in (ends | sizes).items():
         value = read_fraction(get_value(content, place))

@@ -37,8 +37,9 @@ class AppearancePanel:
     def __init__(self, results: Any) -> None:
         self.results, self.session, self.view = results, results.session, results.view
         self.view.setdefault("viewing", Conditions())
-        self.sliders: dict[Place, tuple[FormNumber, Any, Any]] = {}  # each with its text and its bar
-        self.white: Any = None  # what stands above the slider of the white card
+        self.sliders: dict[Place, tuple[FormNumber, Any, Any]] = {}  # each with the field of its number and its bar
+        self.white: Any = None  # the field of the white card's albedo, and its slider
+        self.card: Any = None
         self.missing = ""
         self.shown: Any = None
         self.moved: Place | None = None
@@ -83,20 +84,22 @@ class AppearancePanel:
         same = {place: one.label for place, one in now.items()} == {place: one.label for place, one in wanted.items()}
         if self.white is None or not same or not all(now[place].reaches(one.start) for place, one in wanted.items()):
             self.bars.clear()
+            self.sliders.clear()
             with self.bars:
-                self.sliders = {
-                    place: (one, *add_slider(one.label, (0, STEPS), 1, partial(self.move, place), THROTTLE)[1:])
-                    for place, one in wanted.items()
-                }
-                _, self.white, bar = add_slider("albedo of the white card", WHITES, 0.01, self.whiten, THROTTLE)
-                bar.set_value(self.view["viewing"].white)
-        for place, (slider, text, bar) in self.sliders.items():
+                for place, one in wanted.items():
+                    move, take = partial(self.move, place), partial(self.type, place)
+                    self.sliders[place] = (one, *add_slider(one.label, (0, STEPS), 1, move, THROTTLE, take)[1:])
+                card = "albedo of the white card"
+                _, self.white, self.card = add_slider(card, WHITES, 0.01, self.whiten, THROTTLE, self.whiten)
+        for place, (slider, field, bar) in self.sliders.items():
             value = read_fraction(get_value(content, place)) or 0.0
-            text.set_text(f"{slider.label}: {value:.3g}")
+            if field.value != value:
+                field.set_value(value)
             bar.props.update({"aria-valuetext": f"{value:.3g}"})
             if place != self.moved:
                 bar.set_value(slider.find_step(value))
-        self.white.set_text(f"albedo of the white card: {self.view['viewing'].white:g}")
+        for part in (self.white, self.card):
+            part.set_value(self.view["viewing"].white)
 
     # what the user does
 
@@ -112,7 +115,8 @@ class AppearancePanel:
 
     def whiten(self, albedo: float) -> None:
         """Over a white card of another albedo."""
-        self.look("white", min(max(round(albedo, 2), WHITES[0]), WHITES[1]))
+        if albedo != self.view["viewing"].white:
+            self.look("white", min(max(round(albedo, 2), WHITES[0]), WHITES[1]))
 
     def move(self, place: Place, step: float) -> None:
         """A slider to another step: its number goes to the form, and what changes there is shown here."""
@@ -120,6 +124,11 @@ class AppearancePanel:
             self.moved = place
             self.results.write(place, self.sliders[place][0].find_value(step))
             self.moved = None
+
+    def type(self, place: Place, value: float) -> None:
+        """A number typed beside a slider, which the form checks."""
+        if place in self.sliders and value != read_fraction(get_value(self.session.content, place)):
+            self.results.write(place, value)
 
     def keep(self) -> None:
         """Later colours are compared with those that are shown."""

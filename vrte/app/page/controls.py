@@ -81,15 +81,28 @@ def select(options: Any, value: Any, label: str, act: Callable[[Any], None], wid
 
 
 def add_slider(
-    label: str, ends: tuple[float, float], step: float, act: Callable[[float], None], throttle: float, **more: Any
+    label: str,
+    ends: tuple[float, float],
+    step: float,
+    act: Callable[[float], None],
+    throttle: float,
+    take: Callable[[float], None] | None = None,
+    **more: Any,
 ) -> tuple[Any, Any, Any]:
-    """A slider, the text above it, and what is around both; the last position within ``throttle`` seconds counts."""
+    """What is around a slider; the text above it, or the field of its number where one is taken; and the slider, of
+    which the last position within ``throttle`` seconds counts."""
     with ui.column().classes("gap-0") as around:
         text = add_note()
-        bar = ui.slider(min=ends[0], max=ends[1], step=step, value=ends[0]).classes("w-full")
-        bar.props(f'dense aria-label="{label}"')
-        bar.on("update:model-value", lambda event: act(float(event.args)), throttle=throttle, **more)
-    return around, text, bar
+        with ui.row().classes("w-full no-wrap items-center gap-3"):
+            bar = ui.slider(min=ends[0], max=ends[1], step=step, value=ends[0]).classes("grow")
+            bar.props(f'dense aria-label="{label}"')
+            bar.on("update:model-value", lambda event: act(float(event.args)), throttle=throttle, **more)
+            if take is None:
+                return around, text, bar
+            text.set_text(label)
+            number = ui.number(on_change=lambda event: None if event.value is None else take(float(event.value)))
+            number.props(f'dense borderless hide-bottom-space debounce=300 aria-label="{label}, number"')
+    return around, number.classes("vrte-number"), bar
 
 
 def notify(text: str, kind: Any = "info", **more: Any) -> None:

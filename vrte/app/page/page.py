@@ -12,9 +12,17 @@ from typing import Any
 from nicegui import ui
 
 from vrte import __version__
-from vrte.app.form.checks import LARGEST_SCENE, adopt_with_notes, begin_with_material, parse_content, write_link
+from vrte.app.form.checks import (
+    LARGEST_SCENE,
+    adopt_with_notes,
+    begin_with_material,
+    list_films,
+    parse_content,
+    write_link,
+)
 from vrte.app.form.content import START, Content
 from vrte.app.form.fields import translate_message, write_field_text
+from vrte.app.form.numbers import explain_missing
 from vrte.app.page import controls
 from vrte.app.page.controls import notify, report_errors, show
 from vrte.app.page.form_panel import FormPanel
@@ -31,6 +39,8 @@ from vrte.formats.toml_table import is_number
 
 THEMES = {"auto": "as the system has it", "light": "light", "dark": "dark"}
 GALLERY = Path(__file__).parents[1] / "gallery"
+PAINT, POWDER = "white gloss", "alumina"  # that a page begins with: of the ready paints, of the gallery
+CLOUD = Path(__file__).parents[2] / "starters" / "cloud.toml"
 STYLE, SCRIPT = (Path(__file__).with_name(name) for name in ("page.css", "page.js"))
 SUFFIXES = (".toml", ".nc", *TEXTS)
 LONG_ENOUGH = 10_000  # milliseconds to read what is notified
@@ -64,6 +74,7 @@ class Page:
                 self.form_area.on("keydown.enter", self.solve, js_handler=entered, args=[])
                 self._solve_bar()
             with ui.column().classes("vrte-right no-wrap gap-0").props('role=region aria-label="result"'):
+                self._add_ways_in()
                 self.results = ResultPanel(session, self.write_field, self.fill)
         self._draw_form()
         ui.run_javascript(f"{SCRIPT.read_text(encoding='utf-8')}\nvrte.begin({self.upload.id});")
@@ -86,7 +97,7 @@ class Page:
             self.upload.on_rejected(lambda: self.complain(TOO_LARGE))  # by the browser itself
             self.upload.props(f'accept="{",".join(SUFFIXES)}"').classes("hidden")
             gallery = self._header_button("Gallery", "collections", "scenes and materials to begin with")
-            gallery.on_click(lambda: show_gallery(self.begin, lambda one: self.fill(*begin_with_material(one))))
+            gallery.on_click(self.show_gallery)
             to_open = "a scene (.toml), a result (.nc, .csv) or a measurement; or drop it here"
             opener = self._header_button("Open", "folder_open", to_open)
             opener.on("click", js_handler=f"() => vrte.pick({self.upload.id})")
@@ -97,6 +108,19 @@ class Page:
                 for theme, text in THEMES.items():
                     controls.add_menu_item(text).on("click", js_handler=f"() => vrte.set_theme('{theme}')")
             ui.label(__version__).classes("vrte-tagline")
+
+    def _add_ways_in(self) -> None:
+        """What a page begins with: a choice of what its user has, until there is another scene in the form."""
+        ways = {
+            "A paint": ("format_paint", "its colour, hiding and gloss over black and white", self.begin_with_paint),
+            "A powder": ("grain", "the lobes of what it reflects, and their polarization", self.begin_with_powder),
+            "An atmosphere": ("cloud", "the light above, in and below a cloud over the sea", self.begin_with_cloud),
+            "Something to look at": ("collections", "spheres of scenes and paints under the sky", self.show_gallery),
+        }
+        with ui.row().classes("vrte-ways w-full items-center gap-2") as self.ways:
+            controls.add_heading("Begin with")
+            for text, (icon, tip, act) in ways.items():
+                controls.add_button(text, icon, act, "outline dense", "px-2").tooltip(tip)
 
     def _header_button(self, text: str, symbol: str, tip: str) -> Any:
         return controls.add_button(text, symbol, props=f'flat dense color=white aria-label="{text}"').tooltip(tip)
@@ -110,6 +134,7 @@ class Page:
         controls.add_menu_item("BRDF as a Mitsuba tensor (solves for its directions)", self.tensor)
         colours = partial(self.hand_out, lambda: tab_session.make_colours_download(session.live, session.content))
         controls.add_menu_item("colours, gloss and hiding of Appearance, CSV", colours)
+        controls.add_menu_item("page of the paint, HTML (reads off all of it)", self.paint_page)
         scene = partial(self.hand_out, lambda: tab_session.make_scene_download(session.content, session.uploads))
         controls.add_menu_item("scene, TOML", scene)
 
@@ -146,7 +171,8 @@ class Page:
     # what happens
 
     def _mark(self) -> None:
-        """Whether there is something to solve."""
+        """Whether there is something to solve, and whether it is still the first scene."""
+        show(self.session.content == START, self.ways)
         wrong, busy = self.session.wrong, self.session.solves.waits
         self.solve_button.set_enabled(wrong is None and not busy)
         show(wrong is not None, self.waits)
@@ -245,6 +271,29 @@ class Page:
         if notes:
             notify("; ".join(notes), timeout=LONG_ENOUGH)
 
+    def show_gallery(self) -> None:
+        """Offers scenes, paints and materials with their pictures."""
+        show_gallery(self.begin, self.begin_with_material)
+
+    def begin_with_paint(self) -> None:
+        """A white paint, on its sliders."""
+        self.begin_with_material(list_paints()[PAINT])
+
+    def begin_with_powder(self) -> None:
+        """A powder of the gallery, solved."""
+        self.begin(adopt_file(GALLERY / f"{POWDER}.toml"))
+
+    def begin_with_cloud(self) -> None:
+        """The cloud that `vrte init` writes, solved, and the light inside it."""
+        self.results.tabs.set_value("inside")
+        self.begin(adopt_file(CLOUD))
+
+    def begin_with_material(self, material: ReadyMaterial) -> None:
+        """Fills the form with a ready material; of a film, its colours are shown."""
+        if material.title in list_films():
+            self.results.tabs.set_value("appearance")
+        self.fill(*begin_with_material(material))
+
     def begin(self, content: Content) -> None:
         """Fills the form with a scene of the gallery and solves it."""
         self.fill(content)
@@ -297,14 +346,31 @@ class Page:
         title = "<br>".join(label.text for label in results.captions[tab])
         ui.run_javascript(f"vrte.picture({results.plots[tab].id}, {json.dumps(title)}, 'vrte-{tab}')")
 
+    def start_writing(self, words: str, call: str, **more: Any) -> None:
+        """Solves the form's scene for a file. Raises SceneError where the form is wrong."""
+        for message in self.session.find_problems().values():
+            raise SceneError(message)
+        self.report.set_text(words)
+        self.session.start(self.session.make_task(call, **more))
+
+    def paint_page(self) -> None:
+        """What a laboratory reads off the paint, all of it, as `vrte paint` writes it."""
+        with report_errors(self.complain):
+            if unfit := explain_missing(self.session.content):
+                raise SceneError(unfit)
+            self.start_writing("Reading all numbers off the paint.", "solve.write_paint_page")
+
     def tensor(self) -> None:
         """Mitsuba's file wants directions of its own: they are solved for first."""
         with report_errors(self.complain):
-            for message in self.session.find_problems().values():
-                raise SceneError(message)
             wavelengths = tab_session.choose_tensor_wavelengths(self.session.content)
-            self.report.set_text(f"Solving for the tensor at {', '.join(f'{one:g}' for one in wavelengths)} µm.")
-            self.session.start(self.session.make_task("solve.write_tensor", wavelengths_um=wavelengths))
+            words = f"Solving for the tensor at {', '.join(f'{one:g}' for one in wavelengths)} µm."
+            self.start_writing(words, "solve.write_tensor", wavelengths_um=wavelengths)
+
+
+def adopt_file(path: Path) -> Content:
+    """The content of a scene file of the package, as the form takes it."""
+    return adopt_with_notes(parse_content(path.read_bytes()))[0]
 
 
 def show_gallery(solve: Callable[[Content], Any], fill: Callable[[ReadyMaterial], Any]) -> None:
@@ -322,7 +388,7 @@ def show_gallery(solve: Callable[[Content], Any], fill: Callable[[ReadyMaterial]
         controls.add_heading("Scenes to begin with", 2)
         with ui.row().classes("justify-center gap-1"):
             for path in sorted(GALLERY.glob("*.toml")):
-                content, _ = adopt_with_notes(parse_content(path.read_bytes()))
+                content = adopt_file(path)
                 add_picture(path.stem, content["render"]["title"], partial(solve, content))
         controls.add_heading("Paints to begin with", 2)
         with ui.row().classes("justify-center gap-1"):

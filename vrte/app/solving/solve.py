@@ -227,6 +227,19 @@ def write_tensor(exchange: Exchange, content: Content, folder: Path, wavelengths
     return Written("brdf.pbsdf", collect_bytes("brdf.pbsdf", write))
 
 
+def write_paint_page(exchange: Exchange, content: Content, folder: Path) -> Written:
+    """The page of the paint, as `vrte paint` writes it."""
+    from vrte.app.solving.appearance import LEFT_OUT
+    from vrte.appearance.paint import paint
+
+    def progress(done: int, total: int) -> None:
+        exchange.report(Progress(0.98 * done / max(total, 1), "reading off the paint"))
+
+    asked = {key: value for key, value in content.items() if key not in LEFT_OUT}
+    found = paint(asked, progress=progress, folder=folder)
+    return Written("paint.html", collect_bytes("paint.html", found.save))
+
+
 def adopt(exchange: Exchange, given: bytes | str, folder: Path, names: frozenset[str]) -> Adopted:
     """A stranger's scene, a file's bytes or a link's text, as the form takes it."""
     content = read_link(given) if isinstance(given, str) else parse_content(given)
