@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from vrte.appearance.panel import Panel
-from vrte.basics.arrays import Array, check_cosines, check_number, check_whole, show_value
+from vrte.basics.arrays import Array, check_cosines, check_fields, check_number, check_whole, show_value
 from vrte.basics.errors import SceneError
 from vrte.basics.quadrature import make_double_gauss
 from vrte.basics.running import Progress, share_progress
@@ -39,7 +39,11 @@ from vrte.scene.interface import Interface
 POINTS, MOST_POINTS = 8, 64  # of a panel; half as many of what has no peak
 SOURCE_POINTS = 4  # of half a source, either way: it is smaller than its receptor, and 3e-6 of a share is left out
 AXIS, EVEN = np.array([0.0, 0.0, 1.0]), (math.inf, math.inf)  # of a receptor; widths of light that has no peak
-WIDEST = 170.0  # [deg], of a rectangle
+
+
+def limit_opening(most: float) -> tuple[float, float, str]:
+    """The limits of a full angle [deg], and what they are in words."""
+    return 1e-3, most, f"an angle from 0.001 to {most:g} degrees"
 
 
 @dataclass(frozen=True)
@@ -51,8 +55,7 @@ class Rectangular:
     across_deg: float
 
     def __post_init__(self) -> None:
-        for name in ("in_plane_deg", "across_deg"):
-            object.__setattr__(self, name, check_opening(f"aperture: {name}", getattr(self, name), WIDEST))
+        check_fields("aperture: ", self, dict.fromkeys(("in_plane_deg", "across_deg"), limit_opening(170.0)))
 
     @property
     def reach_deg(self) -> float:
@@ -87,8 +90,7 @@ class Round:
     diameter_deg: float
 
     def __post_init__(self) -> None:
-        diameter = check_opening("aperture: diameter_deg", self.diameter_deg, 180.0)
-        object.__setattr__(self, "diameter_deg", diameter)
+        check_fields("aperture: ", self, {"diameter_deg": limit_opening(180.0)})
 
     @property
     def reach_deg(self) -> float:
@@ -120,11 +122,6 @@ class Round:
 
 
 Receptor = Rectangular | Round
-
-
-def check_opening(name: str, value: float, most: float) -> float:
-    """A full angle [deg]. Raises SceneError."""
-    return check_number(name, value, 1e-3, most, f"an angle from 0.001 to {most:g} degrees")
 
 
 def check_in_view(receptor: Receptor, angle_deg: float) -> None:

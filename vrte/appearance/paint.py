@@ -24,13 +24,13 @@ from vrte.appearance.colours import Colour, find_colour
 from vrte.appearance.geometries import STANDARD_GEOMETRIES, TRAVEL
 from vrte.appearance.gloss import find_glosses
 from vrte.appearance.hiding import Conditions, Hiding, find_hiding
-from vrte.appearance.panel import Panel, find_wavelengths, make_panel, read_source
+from vrte.appearance.panel import Panel, find_wavelengths, make_panel
 from vrte.appearance.two_flux_fit import INSIDE, KubelkaMunk, find_kubelka_munk
 from vrte.basics.arrays import Array
 from vrte.basics.errors import LongSolveWarning, SceneError
 from vrte.basics.running import Progress
 from vrte.basics.views import view
-from vrte.calls.spectrum import Source
+from vrte.calls.spectrum import Source, read_source
 from vrte.formats.materials import PAINT_KEYS, expand_content
 from vrte.formats.toml_table import show_toml
 from vrte.optics.crowding import PACKINGS

@@ -14,10 +14,10 @@ from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, count_usable_cpus
 from vrte.calls.brdfs import is_shared, run_side_by_side, solve_side_by_side
 from vrte.calls.plan import make_request, warn_runtime_of_all
-from vrte.calls.spectrum import Source, name_wavelength
+from vrte.calls.spectrum import Source, name_wavelength, read_source
 from vrte.formats.materials import expand_content
 from vrte.formats.particle_sources import Compute, make_particles
-from vrte.formats.scene_file import find_known_wavelengths, make_scene_file, read_content, read_listed_wavelengths
+from vrte.formats.scene_file import find_known_wavelengths, make_scene_file, read_listed_wavelengths
 from vrte.request.request import Request
 from vrte.results.brdf import Spectrum, check_ascending
 from vrte.results.field import Field
@@ -222,13 +222,6 @@ def check_asked(asked: dict[str, Any]) -> dict[str, Any]:
         if name in asked:
             raise SceneError.of(name, "is not asked for here: the geometry of each instrument says it")
     return asked
-
-
-def read_source(scene: Source, folder: str | os.PathLike[str] = ".") -> tuple[dict[str, Any], Path]:
-    """The content of a scene file, and where its tables lie. Raises SceneError, OSError."""
-    if isinstance(scene, Mapping):
-        return dict(scene), Path(folder)
-    return read_content(scene), Path(scene).parent
 
 
 def find_wavelengths(scene: Source | Panel, wavelengths_um: Any, folder: str | os.PathLike[str] = ".") -> Array:

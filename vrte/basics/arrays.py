@@ -47,6 +47,11 @@ def is_readonly(values: Any) -> bool:
     return values is None
 
 
+def freeze(values: Any) -> Array:
+    """The array itself where it is read-only, else a copy that is."""
+    return values if is_readonly(values) else freeze_copy(values)
+
+
 def check_numbers(name: str, values: Any) -> Array:
     """Real numbers of any shape as float64; text, dates, complex numbers and truth values are none."""
     count = values.size if isinstance(values, np.ndarray) else count_items(values)

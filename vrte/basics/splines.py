@@ -26,7 +26,7 @@ def compute_coefficients(grids: tuple[Array, ...], values: Array, degree: int = 
 
     with keep_to_one_thread():  # of BLAS: its threads wait for each other longer than banded systems take
         for axis, grid in enumerate(grids):
-            spline = make_interp_spline(grid, np.moveaxis(values, axis, 0), k=choose_degree(grid, degree))
+            spline = make_interp_spline(grid, np.moveaxis(values, axis, 0), k=min(degree, grid.size - 1))
             values = np.moveaxis(spline.c, 0, axis)
     return values
 
@@ -39,7 +39,7 @@ def make_spline_matrix(grids: tuple[Array, ...], points: tuple[Array, ...], degr
     shape = points[0].size, int(np.prod([grid.size for grid in grids]))
     if not points[0].size:
         return csr_array(shape)
-    degrees = tuple(choose_degree(grid, degree) for grid in grids)
+    degrees = tuple(min(degree, grid.size - 1) for grid in grids)
     knots = tuple(make_interp_spline(grid, 0.0 * grid, k=k).t for grid, k in zip(grids, degrees, strict=True))
     inside = [np.clip(point, grid[0], grid[-1]) for grid, point in zip(grids, points, strict=True)]
     found = NdBSpline.design_matrix(np.stack(inside, axis=1), knots, degrees)
@@ -50,11 +50,6 @@ def compute_weights(grid: Array, points: Array, degree: int = DEGREE) -> Array:
     """The weight (points, n) of each value on a grid (n,); one polynomial through few values."""
     coefficients = compute_coefficients((grid,), np.eye(grid.size), degree)
     return make_spline_matrix((grid,), (points,), degree) @ coefficients
-
-
-def choose_degree(grid: Array, degree: int) -> int:
-    """The degree of the splines: ``degree``, or less where there are too few points."""
-    return min(degree, grid.size - 1)
 
 
 def repeat_grid(

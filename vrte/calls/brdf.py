@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from vrte.basics.arrays import Array, freeze_copy, is_readonly, make_readonly, replace_unchecked
+from vrte.basics.arrays import Array, freeze, make_readonly, replace_unchecked
 from vrte.basics.running import Progress, start_run
 from vrte.calls.derivatives import Derivative, Derivatives, collect_jacobians, find_light, read_derivatives
 from vrte.calls.energy import note_energy
@@ -115,7 +115,7 @@ def make_brdf(
     found |= note_photons(request, progress)
     if not derivatives:  # the arrays fit together
         arrays |= {"mu_i": request.mu0, "mu_o": mu_o, "phi": request.phi}
-        frozen = {name: each if is_readonly(each) else freeze_copy(each) for name, each in arrays.items()}
+        frozen = {name: freeze(each) for name, each in arrays.items()}
         late = partial(describe_brdf, request, replace_unchecked(solution, parts=[]), found)
         return make_readonly_brdf(partial(dict, late()) if scene.is_rough or scene.below.facets else late, **frozen)
     diagnostics = describe_brdf(request, solution, found)

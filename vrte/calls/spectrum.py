@@ -68,7 +68,7 @@ def spectrum(
     Spectrum(2 wavelengths from 0.45 to 0.65 um, Brdf(1 mu_i, 1 mu_o, 1 phi) at each)
     """
     if wavelengths_um is None:
-        wavelengths_um = read_listed_wavelengths(dict(scene) if isinstance(scene, Mapping) else read_content(scene))
+        wavelengths_um = read_listed_wavelengths(read_source(scene)[0])
     if wavelengths_um is None:
         raise SceneError("wavelengths_um are missing: say which, or list them as wavelength_um in the scene")
     wavelengths = check_ascending(wavelengths_um)
@@ -76,6 +76,11 @@ def spectrum(
     files, warned = prepare_scenes(scene, wavelengths, folder, first, asked)
     variations = vary_files(scene, wavelengths, derivatives, folder)
     return solve_spectrum(files, wavelengths, second, warned, variations, **asked)
+
+
+def read_source(scene: Source, folder: str | os.PathLike[str] = ".") -> tuple[dict[str, Any], Path]:
+    """The content of a scene file, and where its tables lie. Raises SceneError, OSError."""
+    return (dict(scene), Path(folder)) if isinstance(scene, Mapping) else (read_content(scene), Path(scene).parent)
 
 
 def prepare_scenes(
@@ -116,15 +121,11 @@ def vary_files(
     """Variations of a file's scene with these numbers at each wavelength, if any. Raises SceneError."""
     if derivatives is None:
         return []
-    names = [derivatives] if isinstance(derivatives, str) else derivatives
-    if isinstance(scene, Mapping):
-        content, index = dict(scene), Path(folder)
-    else:
-        content, index = read_content(scene), Path(scene).parent
+    content, folder = read_source(scene, folder)
     found = []
     for wavelength in wavelengths.tolist():
         try:
-            found.append(SceneFamily({**content, "wavelength_um": wavelength}, names, index).variations())
+            found.append(SceneFamily({**content, "wavelength_um": wavelength}, derivatives, folder).variations())
         except SceneError as error:
             raise SceneError(f"derivatives at {wavelength:g} um: {error}", "derivatives") from error
     return found
@@ -155,9 +156,6 @@ def solve_spectrum(
         requests = [make_request("brdf", file.scene, **file.keywords(asked)) for file in files]
         found = solve_brdfs(requests, progress, "wavelengths", warned, variations)
     return Spectrum(wavelengths, tuple(add_scene_text(one, files[0].text) for one in found))
-
-
-ONE = "layer[1]."  # where a scene file would have it
 
 
 def material(
@@ -201,8 +199,6 @@ def material(
     >>> vrte.material("rutile in alkyd", 0.55).host_index
     1.52
     """
-    from vrte.formats.scene_file import make_scene_file
-
     given: dict[str, Any] = {"thickness": thickness, "thickness_um": thickness_um, "volume_fraction": volume_fraction}
     layer: dict[str, Any] = {"material": name} | ({} if packing is None else {"packing": packing})
     for key, value in given.items():
@@ -211,7 +207,6 @@ def material(
     wavelength = check_number("wavelength_um", wavelength_um, 0.0, math.inf, "a length")
     content = {"wavelength_um": wavelength, "layer": [layer], "brdf": {"mu_i": 1.0, "mu_o": 1.0}}
     try:
-        found: Layer = make_scene_file(content).scene.layers[0]
+        return make_scene_file(content).scene.layers[0]
     except SceneError as error:
-        raise SceneError(str(error).removeprefix(ONE), *error.place[2:]) from error
-    return found
+        raise SceneError(str(error).removeprefix("layer[1]."), *error.place[2:]) from error

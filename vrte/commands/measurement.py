@@ -9,7 +9,7 @@ import numpy as np
 from vrte.basics.errors import SceneError
 from vrte.commands.common import label_errors, write
 from vrte.fit.instruments import KEYWORDS
-from vrte.fit.measurement import Measurement, make_measurement, understand_file
+from vrte.fit.measurement import make_measurement, understand_file
 
 
 def read_pair(text: str) -> tuple[str, str]:
@@ -45,11 +45,6 @@ def run(options: argparse.Namespace) -> None:
             raise SceneError(f"say what is missing by {flags}", *[*reading.asks][:1])
         measured = make_measurement(reading)
     for name in measured.names:
-        print(describe_rows(measured, name))
+        value = measured.value[measured.quantity == name]
+        print(f"{name}: {value.size} rows, {np.min(value):g} to {np.max(value):g}")
     write(options.output, lambda path: measured.save(path, "\n".join(reading.understood)))
-
-
-def describe_rows(measured: Measurement, quantity: str) -> str:
-    """The rows of a quantity: how many, and their range."""
-    value = measured.value[measured.quantity == quantity]
-    return f"{quantity}: {value.size} rows, {np.min(value):g} to {np.max(value):g}"

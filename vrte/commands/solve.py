@@ -16,11 +16,11 @@ from vrte.calls.brdf import brdf
 from vrte.calls.radiance import radiance
 from vrte.calls.spectrum import prepare_scenes, solve_spectrum, vary_files
 from vrte.commands.common import label_errors, report_written, show_progress
-from vrte.formats import result_file
 from vrte.formats.contents import Result
-from vrte.formats.result_file import write_csv
+from vrte.formats.result_file import save, write_csv
 from vrte.formats.scene_family import SceneFamily
 from vrte.formats.scene_file import SceneFile, read_content, read_listed_wavelengths, read_scene
+from vrte.pictures.figures import save_figure
 from vrte.request.how import EXACT, OPTIONS, PHOTONS
 from vrte.results.brdf import Brdf, Spectrum, add_scene_text, check_ascending
 from vrte.results.field import Field
@@ -204,11 +204,11 @@ def run(options: argparse.Namespace) -> None:
         with clock.timed("solver"):
             result = solve()
     describe(options.scene, files, result)
-    writers = {"output": result_file.save, "csv": write_csv, "plot": save_picture}
-    for path, save in ((getattr(options, name), save) for name, save in writers.items()):
-        if path is not None:
+    writers = {"output": save, "csv": write_csv, "plot": lambda result, path: save_figure(result.plot(), path)}
+    for name, write in writers.items():
+        if (path := getattr(options, name)) is not None:
             with clock.timed(f"writing {path.suffix}"):
-                save(result, path)
+                write(result, path)
             paths.append(path)
     print_times(clock.stages, result)
     for path in paths:
@@ -241,10 +241,3 @@ def prepare_several(
     files, warned = prepare_scenes(options.scene, at, progress=tick, asked=asked)
     variations = vary_files(options.scene, at, options.derivatives or None)
     return files, lambda: solve_spectrum(files, at, tick, warned, variations, **asked)
-
-
-def save_picture(result: Result, path: Path) -> None:
-    """The picture of a result."""
-    from vrte.pictures.results import save_plot
-
-    save_plot(result, path)

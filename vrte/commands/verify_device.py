@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import vrte
-from vrte.basics.arrays import Array
 from vrte.basics.errors import DeviceError
 from vrte.basics.running import Progress, keep_to_one_thread
 from vrte.cl import device
@@ -113,19 +112,23 @@ class Verification:
     """The checks of a device, in doubles or, where it has none, in floats."""
 
     session: Session
-    before: list[Array] | None = None  # Mueller matrices of the batch
+    before: list[vrte.Brdf] | None = None  # of the batch
 
     def list_checks(self) -> dict[str, tuple[float, Callable[[], float]]]:
         """By name, what is allowed and a function that finds the largest difference, the quick ones first."""
         compare, depths = self.compare, DEPTHS | {"algorithm": "doubling"}
+
+        def solve_alone() -> list[vrte.Brdf]:
+            return [vrte.brdf(scene, **self.ask(BRDF)) for scene in make_batch()[:2]]
+
         checks: dict[str, tuple[float, Callable[[], float]]] = {
             "products and inverses": (1e-12, self.check_matrices),
             "invariance, semi-infinite": (CLOSE, partial(compare, "semi-infinite", INVARIANCE)),
             "doubling, semi-infinite": (SAME, partial(compare, "semi-infinite", BRDF | {"algorithm": "doubling"})),
             "doubling, four layers on a base, transmission": (SAME, partial(compare, "stack", THROUGH)),
             "twelve depths": (SAME, partial(compare, "stack", depths)),
-            "a batch of scenes": (CLOSE, self.compare_batch),
-            "each as by itself": (0.0, self.compare_alone),
+            "a batch of scenes": (CLOSE, lambda: self.compare_with_batch(vrte.brdfs(make_batch(), **BRDF))),
+            "each as by itself": (0.0, lambda: self.compare_with_batch(solve_alone())),
             "less memory than they need": (0.0, self.compare_little_memory),
             "stopped midway, then solved again": (0.0, self.compare_stopped),
         }
@@ -164,22 +167,14 @@ class Verification:
             differences.append(measure_gap(download_stack(self.session, stack), np.linalg.inv(square)))
         return max(differences)
 
-    def solve_batch(self, progress: Callable[[int, int], None] | None = None) -> list[Array]:
-        """Mueller matrices of the batch on the device."""
-        return [each.mueller for each in vrte.brdfs(make_batch(), **self.ask(BRDF), progress=progress)]
+    def solve_batch(self, progress: Callable[[int, int], None] | None = None) -> list[vrte.Brdf]:
+        """The batch on the device."""
+        return vrte.brdfs(make_batch(), **self.ask(BRDF), progress=progress)
 
-    def compare_with_batch(self, found: Sequence[Array]) -> float:
-        """Mueller matrices beside those that the batch gave first."""
+    def compare_with_batch(self, found: Sequence[vrte.Brdf]) -> float:
+        """BRDFs beside those that the batch gave first."""
         self.before = self.before or self.solve_batch()
         return max(measure_gap(*pair) for pair in zip(found, self.before, strict=False))
-
-    def compare_batch(self) -> float:
-        """Scenes solved in one call beside the compiled core."""
-        return self.compare_with_batch([each.mueller for each in vrte.brdfs(make_batch(), **BRDF)])
-
-    def compare_alone(self) -> float:
-        """The first two of the batch, each by itself."""
-        return self.compare_with_batch([vrte.brdf(scene, **self.ask(BRDF)).mueller for scene in make_batch()[:2]])
 
     def compare_little_memory(self) -> float:
         """The batch on a device that holds a part of it at once."""

@@ -29,18 +29,13 @@ def find_table(text: str, encoding: str) -> Columns:
     """The table of an instrument's file, by its text. Raises SceneError."""
     if len(text) > LARGEST_FILE:
         raise SceneError(f"the file is longer than {LARGEST_FILE} characters")
-    table = parse_table(text)
+    is_cgats = re.search(r"^\s*BEGIN_DATA_FORMAT\b", text, re.MULTILINE)
+    parse = parse_cxf if text.lstrip().startswith("<") else parse_cgats if is_cgats else find_run
+    table = parse(text)
     if len(table.rows) > MOST_ROWS:
         raise SceneError(f"the table must have at most {MOST_ROWS} rows, not {len(table.rows)}")
     table.notes[:0] = [f"text in {ENCODINGS.get(encoding, 'Latin-1 (Windows)')}"]
     return table
-
-
-def parse_table(text: str) -> Columns:
-    """The table of a text. Raises SceneError."""
-    if text.lstrip().startswith("<"):
-        return parse_cxf(text)
-    return parse_cgats(text) if re.search(r"^\s*BEGIN_DATA_FORMAT\b", text, re.MULTILINE) else find_run(text)
 
 
 def is_number(cell: str) -> bool:
@@ -103,10 +98,13 @@ def find_run(text: str) -> Columns:
             names, rows, start = rows[0], rows[1:], start + 1
         else:
             names = [f"column {index}" for index in range(1, width + 1)]
-    kept = [index for index in range(width) if names[index] or any(row[index] for row in rows)]
-    numbers_of_lines = [number for number, _, _ in lines[start:end]]
-    taken = drop_repeated([names[index] for index in kept], [[row[index] for index in kept] for row in rows])
-    table = Columns(*taken, numbers_of_lines, separator, [line for _, line, _ in lines[:first]])
+    numbers_of_lines, above = [number for number, _, _ in lines[start:end]], [line for _, line, _ in lines[:first]]
+    columns = list(zip(names, *rows, strict=True))
+    kept = [k for k, column in enumerate(columns) if any(column)]
+    # where each sample has its wavelengths beside it, they are taken once
+    kept = [k for k in kept if k == kept[0] or columns[k] != columns[kept[0]]]
+    taken = [names[k] for k in kept], [[row[k] for k in kept] for row in rows]
+    table = Columns(*taken, numbers_of_lines, separator, above)
     below = lines[end:]
     commas = separator != "," and any("," in cell for row in rows for cell in row if is_number(cell))
     table.notes += [
@@ -147,13 +145,6 @@ def find_names(lines: Split, start: int, separator: str) -> tuple[list[str], int
             merged.append(f"{sample} {name}".strip() if repeats else name)
         names = merged
     return names, max(first, 0) if names else start
-
-
-def drop_repeated(names: list[str], rows: list[list[str]]) -> tuple[list[str], list[list[str]]]:
-    """Columns without those that repeat the first one, as where each sample has its wavelengths beside it."""
-    columns = [[row[index] for row in rows] for index in range(len(names))]
-    kept = [k for k, name in enumerate(names) if k == 0 or name != names[0] or columns[k] != columns[0]]
-    return [names[index] for index in kept], [[row[index] for index in kept] for row in rows]
 
 
 def parse_cgats(text: str) -> Columns:

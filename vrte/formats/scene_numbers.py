@@ -8,7 +8,7 @@ from typing import Any
 
 from vrte.basics.errors import Place, SceneError
 from vrte.formats.materials import find_expanded_place
-from vrte.formats.toml_table import convert_to_plain_number, find_number, put, show_place, show_toml, split_key
+from vrte.formats.toml_table import find_number, put, show_place, show_toml, split_key
 
 SEVERAL = re.compile(r"""layer\[(?:(\d{1,9}):(\d{1,9})|([A-Za-z_-][\w-]*|"[^"]*"|'[^']*'))\]\.(.+)""")
 TOTALS = ("thickness", "thickness_um")  # of several layers: the sum, of which each layer keeps its part
@@ -25,7 +25,8 @@ class SceneNumber:
     def put(self, content: dict[str, Any], value: float) -> None:
         """Sets the number in the content of its file."""
         for place, part in zip(self.places, self.parts, strict=True):
-            put(content, place, convert_to_plain_number(value * part))
+            number = float(value * part)  # what counts something is a whole one
+            put(content, place, int(number) if number.is_integer() else number)
 
 
 def find_places(content: Mapping[str, Any], key: str, given: Mapping[str, Any]) -> tuple[Place, ...]:

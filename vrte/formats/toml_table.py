@@ -274,11 +274,6 @@ def convert_to_plain_content(value: Any) -> Any:
     return [convert_to_plain_content(item) for item in value] if isinstance(value, (list, tuple)) else value
 
 
-def convert_to_plain_number(value: float) -> float | int:
-    """A number as a file would give it: what counts something is a whole one."""
-    return int(value) if float(value).is_integer() else float(value)
-
-
 def split_key(key: str) -> Place:
     """A dotted key as keys of tables (text) and places in lists (numbers from 0)."""
     places: list[str | int] = []

@@ -76,7 +76,8 @@ def solve_request(request: Request, run: Run, progress: Progress | None = None) 
             on, fewer = f" on {find_usual_nodes(request)} nodes", "nodes"
         why, change = f", most of it for method {request.method!r}{on}", f"fewer {fewer} take less, as does {EXACT!r}"
         cost.warn_runtime(predict_seconds(request, run), request.time_limit_s, why, change, run.runtime_warned)
-    if is_refined(request):
+    # nodes are found by the accuracy
+    if request.nodes is None and (request.method == EXACT or "accuracy" in request.given):
         ((mu, found),) = refine_request(request, method, settings, run, progress)
     else:
         mu, found = method.solve(Task(request, settings, run, progress))
@@ -87,11 +88,6 @@ def solve_request(request: Request, run: Run, progress: Progress | None = None) 
         ruled = {"method_rule": request.method_rule, "accuracy": request.accuracy}
         found = replace(found, diagnostics=promised | ruled)
     return mu, found
-
-
-def is_refined(request: Request) -> bool:
-    """Whether nodes are found by the accuracy."""
-    return request.nodes is None and (request.method == EXACT or "accuracy" in request.given)
 
 
 def refine_request(

@@ -23,7 +23,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vrte.basics.arrays import Array, BoolArray, record
+from vrte.basics.arrays import Array, record
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.base import Base, expand_base
@@ -86,11 +86,6 @@ def find_truncation(request: Request, mu: Array) -> Truncation:
     return choose_truncation(request.truncation, *given, CARRIED // 2, FINEST)
 
 
-def choose_spread(request: Request, problem: Problem, mu: Array) -> BoolArray:
-    """Towards which directions, (n_mu,), the beam spreads by small angles before it scatters once."""
-    return find_spread_directions(find_truncation(request, mu), problem, mu)
-
-
 def list_asymmetries(problem: Problem) -> Array:
     """g of each layer, (layer,), as it was cut."""
     if problem.coefficients.shape[1] < CARRIED:
@@ -108,12 +103,12 @@ def convert_to_kernels(problem: Problem, orders: Sequence[Array]) -> Array:
 
 def answer_two_fluxes(task: Task, problem: Problem, found: TwoFluxes) -> Answer:
     """The result of two fluxes of the problem."""
-    request, mu = task.request, task.mu
-    parts = task.sum_orders(problem, convert_to_kernels(problem, found.orders), choose_spread(request, problem, mu))
+    cut = find_truncation(task.request, task.mu)
+    spread = find_spread_directions(cut, problem, task.mu)  # directions where the beam spreads before it scatters once
+    parts = task.sum_orders(problem, convert_to_kernels(problem, found.orders), spread)
     down, up = (flux[..., None] * problem.columns[:, 0] for flux in (found.down, found.up))
-    down = down + find_peak_flux(problem, request.tau)[1]
-    name = find_truncation(request, mu).name
-    return task.answer(parts, (up, down), problem, orders=len(found.orders), truncation=name)
+    down = down + find_peak_flux(problem, task.request.tau)[1]
+    return task.answer(parts, (up, down), problem, orders=len(found.orders), truncation=cut.name)
 
 
 NODE, WEIGHT = 0.5, 1.0  # of Gauss's rule with one node on a hemisphere

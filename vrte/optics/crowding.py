@@ -42,6 +42,7 @@ from vrte.optics.populations import (
     sum_amplitudes,
     sum_bulk,
 )
+from vrte.optics.refractive_index import RefractiveIndex
 from vrte.optics.spheres import average_ball, count_orders
 
 
@@ -246,7 +247,8 @@ def scatter_in_medium(
     """Each sphere alone, in a medium whose index is that of host and spheres together."""
     kinds = _normalise_shares(particles)
     index = find_index(kinds, volume_fraction)
-    alone = mixture([(average_ball(ball.in_host(index)), share) for ball, share in kinds])
+    medium = RefractiveIndex(index, 0.0, "of host and spheres together")
+    alone = mixture([(average_ball(replace(ball, medium=medium)), share) for ball, share in kinds])
     return replace(
         alone,
         host_index=particles.host_index,

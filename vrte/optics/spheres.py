@@ -7,7 +7,7 @@ quadratic in a_n and b_n, and linear in the weights of sizes. Radii, their numbe
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -39,7 +39,7 @@ from vrte.optics.populations import (
     find_amplitudes,
     sum_bulk,
 )
-from vrte.optics.refractive_index import Material, RefractiveIndex
+from vrte.optics.refractive_index import Material
 from vrte.optics.size_distribution import LENGTH, SizeDistribution
 
 LARGEST_SIZE = 1e4  # size parameter 2 pi r/wavelength: beyond, an expansion of 2e4 terms helps nobody
@@ -114,10 +114,6 @@ class Ball(ParticleKind):
             return shell
         dipole = (self.find_core_radius(radius_um) / radius_um) ** 3 * (core - shell) / (core + 2.0 * shell)
         return shell * (1.0 + 2.0 * dipole) / (1.0 - dipole)
-
-    def in_host(self, host: float) -> "Ball":
-        """The same in a medium of another index."""
-        return replace(self, medium=RefractiveIndex(host, 0.0, "of host and spheres together"))
 
     def make_stand_in(self) -> Particles:
         self.check_radii(self.read_quadrature(FEWEST_RADII, 6)[0])

@@ -41,11 +41,6 @@ _BY_LABEL = {backend.label: backend for backend in Backend}
 BACKENDS = tuple(_BY_LABEL)
 
 
-def find_backend(label: str) -> Backend:
-    """The backend of that label."""
-    return _BY_LABEL[label]
-
-
 EXACT = "discrete-ordinates"
 AUTO = "auto"  # one of the methods, by the rules of vrte/methods/parts/auto.py
 _TABLES = tomllib.loads(Path(__file__).with_name("options.toml").read_text("utf-8"))
@@ -139,7 +134,7 @@ class How:
         "backend",
         "openmp",
         str,
-        lambda name, value: value if isinstance(value, Backend) else find_backend(check_choice(name, value, BACKENDS)),
+        lambda name, value: value if isinstance(value, Backend) else _BY_LABEL[check_choice(name, value, BACKENDS)],
         "",
         BACKENDS,
     )

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
-from vrte.basics.arrays import Array, freeze_copy, is_readonly, record
+from vrte.basics.arrays import Array, freeze, record
 from vrte.basics.errors import SceneError
 from vrte.basics.views import view
 
@@ -31,8 +31,7 @@ class Labelled:
     def _freeze(self, shapes: dict[str, tuple[int, ...]]) -> None:
         """Makes the named arrays read-only and copies ``diagnostics``. Raises SceneError for another shape."""
         for name, shape in shapes.items():
-            given = getattr(self, name)
-            array = given if is_readonly(given) else freeze_copy(given)
+            array = freeze(getattr(self, name))
             if array.shape != shape:
                 raise SceneError(f"{name} must have the shape {shape} to fit its directions, not {array.shape}", name)
             object.__setattr__(self, name, array)
@@ -50,7 +49,7 @@ class Labelled:
             if names is not None and list(given) != names:
                 raise SceneError(f"{attribute} must have the names {', '.join(names)}, in that order", attribute)
             names = list(given)
-            found = {name: array if is_readonly(array) else freeze_copy(array) for name, array in given.items()}
+            found = {name: freeze(array) for name, array in given.items()}
             for name, array in found.items():
                 if value not in shapes:
                     raise SceneError(f"{attribute} is of {value}, which is not there", attribute)

@@ -63,7 +63,9 @@ def refine_one(request: Request) -> Generator[Request, Answer | AccuracyError, A
                 unseen = find_unseen_share(request.scene, nodes, first.grading)
             coarse = seen
         error = max(unseen, estimate_error(differences, request.scene))
-        is_done = coarse is not None and has_converged(differences, error, accuracy)
+        last = [*differences.values()][-2:]
+        is_rounding = len(last) == 2 and STALLED * last[0] < last[1] < ROUNDING
+        is_done = coarse is not None and (error <= AIM * accuracy or is_rounding)
         nodes, count = count, None if is_done else find_next_count(request.scene, count)
     if request.mu is None and not isinstance(answer, AccuracyError):  # light along the nodes themselves, at last
         answer = yield replace(request, nodes=nodes, grading=first.grading, refined=True)
@@ -83,12 +85,6 @@ def refine_one(request: Request) -> Generator[Request, Answer | AccuracyError, A
     report = {"accuracy": accuracy, "nodes_rule": rule, "achieved": float(achieved), "promised": not notes}
     report |= {"notes": notes, "choosing_seconds": sum(spent[:-1])}
     return mu, replace(found, diagnostics=found.diagnostics | report)
-
-
-def has_converged(differences: dict[int, float], error: float, accuracy: float) -> bool:
-    """Whether the last solution is right to the accuracy, or to rounding."""
-    last = [*differences.values()][-2:]
-    return error <= AIM * accuracy or (len(last) == 2 and STALLED * last[0] < last[1] < ROUNDING)
 
 
 def estimate_error(differences: dict[int, float], scene: Scene) -> float:
