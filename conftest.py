@@ -74,6 +74,15 @@ def fitted() -> Any:
     return vrte.fit(measured, {"layer": [{**layer, "thickness": 0.3}]}, ["layer[1].thickness"], nodes=4)
 
 
+@pytest.fixture(scope="session")
+def matched() -> Any:
+    """A match like the one of the example of `vrte.match`, for the examples that stand on one."""
+    film = {"pigment": "rutile", "volume_fraction": 0.1, "binder": "alkyd", "thickness_um": 20.0}
+    at = [0.43, 0.47, 0.51, 0.55, 0.59, 0.63, 0.67]
+    asked = {"contrast_ratio": 0.9, "wavelengths_um": at, "nodes": 4, "starts": 1}
+    return vrte.match({"paint": film}, ["thickness_um"], **asked)
+
+
 @pytest.fixture(autouse=True)
 def folder_of_the_examples(
     request: pytest.FixtureRequest, doctest_namespace: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -92,7 +101,6 @@ def folder_of_the_examples(
         for package in ("vrte.formats", "vrte.pictures", "bench.", "vrte.app", "vrte.results")
     ):
         doctest_namespace["brdf"] = request.getfixturevalue("small_brdf")
-    if "painted." in request.node.dtest.examples[0].source:
-        doctest_namespace["painted"] = request.getfixturevalue("painted")
-    if "fitted." in request.node.dtest.examples[0].source:
-        doctest_namespace["fitted"] = request.getfixturevalue("fitted")
+    for name in ("painted", "fitted", "matched"):
+        if f"{name}." in request.node.dtest.examples[0].source:
+            doctest_namespace[name] = request.getfixturevalue(name)

@@ -78,8 +78,12 @@ CONTENT = {"nodes": 2, "layer": [{"phase": "isotropic", "albedo": 0.5, "thicknes
 ASKED = {**CONTENT, "brdf": {"mu_i": 0.5, "mu_o": 0.5}}
 FILM = {**CONTENT, "layer": [{"interface": {"above": 1.0, "below": 1.5}}, {"phase": "isotropic", "albedo": 0.5,
                                                                            "thickness": 1.0}]}  # fmt: skip
+WHITE = {"pigment": "rutile", "volume_fraction": 0.1, "binder": "alkyd", "thickness_um": 20.0}
+MATCH = {"paint": {"paint": WHITE}, "free": ["thickness_um"], "contrast_ratio": 0.9, "starts": 1, "nodes": 2,
+         "wavelengths_um": np.linspace(0.43, 0.67, 7)}  # fmt: skip
 AXES = {"depth": {"key": "layer[1].thickness", "values": [0.5, 1.0, 1.5, 2.0]}}
 SLOW = {"paint", "export", "material", "cylinders", "sweep", "fit", "hiding", "kubelka_munk", "appearance", "page"}
+SLOW |= {"match"}
 Case = tuple[Callable[..., Any], dict[str, Any]]
 
 
@@ -103,6 +107,7 @@ def make_objects() -> dict[str, Any]:
         "dense": vrte.brdf(vrte.Scene(LAYER), dense, dense, np.linspace(0.0, 180.0, 7), nodes=2, threads=1),
         "field": vrte.radiance(SCENE, [0.5, 0.6], mu=[0.5], nodes=2, threads=1),
         "views": vrte.views(SCENE, 0.5, 0.5, nodes=2, threads=1),
+        "match": vrte.match(**MATCH),
         "photons": vrte.photons(SCENE, 0.5, [0.0, 1.0], [0.0, 180.0], photons=128, threads=1),
         "linearized": found,
         "gradient": found.vjp(np.ones((1, 1, 1, 4, 4))),
@@ -131,7 +136,7 @@ def list_calls(made: dict[str, Any]) -> list[Case]:
     base, look, family = vrte.TabulatedBase(**made["table"]), made["look"], made["family"]
     quantities, over = vrte.quantities, vrte.over_hemisphere
     records = [made[name] for name in ("brdf", "field", "views", "photons", "linearized", "gradient", "particles",
-                                       "look", "fit", "spectrum", "paint", "family")]  # fmt: skip
+                                       "look", "fit", "spectrum", "paint", "family", "match")]  # fmt: skip
     records += [
         *(vrte.RPV(0.1, 0.8), vrte.Hapke(0.5), vrte.RossLi(0.1, 0.02, 0.02), vrte.Mirror(1.5), vrte.MuellerBase(even)),
         *(vrte.Gamma(0.2, 0.1), vrte.Lognormal(0.2, 1.4), vrte.Monodisperse(0.5), vrte.Tabulated([0.1, 0.3], [1, 1])),
@@ -190,6 +195,8 @@ def list_calls(made: dict[str, Any]) -> list[Case]:
         (made["fit"].page, {"path": "fit.html"}),
         (made["fit"].scene, {}),
         (made["fit"].write_scene, {"path": "fit.toml"}),
+        (made["match"].paint, {}),
+        (made["match"].write_scene, {"path": "match.toml"}),
         (made["gradient"].along, {"variation": vrte.Variation("x", 1.0, [1.0], [0.0])}),
         (made["linearized"].jvp, {"variation": "layer[1].thickness"}),
         (made["linearized"].vjp, {"cotangent": np.ones((1, 1, 1, 4, 4))}),
@@ -211,6 +218,7 @@ def list_calls(made: dict[str, Any]) -> list[Case]:
         (vrte.isotropic, {}),
         (vrte.linearize, {"scene": SCENE, **at}),
         (vrte.load, {"path": "found.csv"}),
+        (vrte.match, MATCH),
         (vrte.material, {"name": "chalk", "wavelength_um": 0.5, "thickness_um": 10.0, "volume_fraction": 0.01}),
         (vrte.materials, {}),
         (vrte.mix, {"parts": [(RAYLEIGH, 1.0)]}),

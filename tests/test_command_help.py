@@ -27,7 +27,7 @@ COMMANDS: dict[str, Parser] = next(
     action.choices for action in make_parser()._actions if isinstance(action.choices, dict)
 )
 KINDS = {kind: common.find_starter(kind).name for kind in common.STARTERS}
-SCENES = [kind for kind in KINDS if kind != "measurement"]
+SCENES = [kind for kind in KINDS if kind not in ("match", "measurement")]
 SLOW = ("export", "fit", "sweep", "view", "render", "materials", "paint", "brdf", "field", "devices")
 INPUT = re.compile(r"[\w./-]+\.(toml|csv)$")
 
@@ -52,7 +52,7 @@ class TestInit:
         assert (
             [line.split()[0] for line in lines]
             == list(KINDS)
-            == ["powder", "paint", "cloud", "snow", "sea", "measurement"]
+            == ["powder", "paint", "cloud", "snow", "sea", "match", "measurement"]
         )
         assert last == "next: vrte init powder"
         assert {path.stem for path in common.FOLDER.iterdir()} == set(KINDS)

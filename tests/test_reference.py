@@ -21,7 +21,7 @@ from vrte import _core
 ROOT = Path(vrte.__file__).parents[1]
 PAGES = sorted((ROOT / "docs/reference/api").glob("*.md"))
 LISTED = [name for page in PAGES for name in re.findall(r"^::: (\S+)", page.read_text("utf-8"), re.MULTILINE)]
-FIXTURES = "brdf", "painted", "fitted"  # of conftest.py; the pages say what they are
+FIXTURES = "brdf", "painted", "fitted", "matched"  # of conftest.py; the pages say what they are
 PROPERTIES = property | cached_property
 STUB = ast.parse((ROOT / "vrte/_core.pyi").read_text("utf-8"))
 CORE = "vrte._core."  # compiled: its signatures are in the stub

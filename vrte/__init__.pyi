@@ -31,8 +31,10 @@ from vrte.discrete_ordinates.derivatives.adjoint import Gradient as Gradient
 from vrte.discrete_ordinates.planning.plan import Plan as Plan
 from vrte.exports.export import export as export
 from vrte.fit import Fit as Fit
+from vrte.fit import Match as Match
 from vrte.fit import Measurement as Measurement
 from vrte.fit import fit as fit
+from vrte.fit import match as match
 from vrte.fit import read_measurement as read_measurement
 from vrte.formats import load as load
 from vrte.formats.bases import read_base as read_base

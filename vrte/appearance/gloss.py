@@ -12,6 +12,7 @@ Lenses are ideal, the panel is flat, and light that the two polarizations share 
 
 import math
 from collections.abc import Iterable, Sequence
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -38,10 +39,21 @@ def find_glosses(
     panel: Panel, angles: Iterable[float] = (20.0, 60.0, 85.0), progress: Progress | None = None
 ) -> dict[float, float]:
     """Specular gloss [gloss units] of a panel in air by the angle, any of 20, 60 and 85 degrees, of one solve."""
+    return find_glosses_of([panel], angles, progress)[0]
+
+
+def find_glosses_of(
+    panels: Sequence[Panel], angles: Iterable[float], progress: Progress | None = None
+) -> list[dict[float, float]]:
+    """The same of several panels that are solved alike, in one call."""
     wanted = [check_gloss_angle(angle) for angle in angles]
-    weigh_wavelengths(panel.wavelength_um, "C", 2)  # what is refused is refused before the work
-    spectrum = panel.solve(*list_gloss_directions(wanted), progress)
-    return {angle: read_gloss(spectrum, panel.surface, angle) for angle in wanted}
+    for panel in panels:  # what is refused is refused before the work
+        weigh_wavelengths(panel.wavelength_um, "C", 2)
+    mu_i, mu_o, phi = list_gloss_directions(wanted)
+    solved = iter(panels[0].join(panels[1:]).solve_as("brdf", progress, mu_i=mu_i, mu_o=mu_o, phi=phi))
+    spectra = [Spectrum(panel.wavelength_um, tuple(islice(solved, len(panel)))) for panel in panels]
+    pairs = zip(panels, spectra, strict=True)
+    return [{angle: read_gloss(spectrum, panel.surface, angle) for angle in wanted} for panel, spectrum in pairs]
 
 
 def find_gloss(panel: Panel, angle_deg: float = 60.0, progress: Progress | None = None) -> float:

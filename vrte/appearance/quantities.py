@@ -1,7 +1,7 @@
 """What a laboratory reads off a panel, each quantity a row of QUANTITIES: unit, definition, how it is found."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from operator import attrgetter
 
@@ -9,11 +9,12 @@ import numpy as np
 
 from vrte.appearance.colours import Colour, find_colour, find_flop_index, weigh_wavelengths
 from vrte.appearance.geometries import METAL_FLAKE, measure_panel, solve_geometries
-from vrte.appearance.gloss import RECEPTORS, find_glosses
+from vrte.appearance.gloss import RECEPTORS, find_glosses_of
 from vrte.appearance.hiding import Conditions, Drawdown, divide_luminances
 from vrte.appearance.panel import Panel
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
+from vrte.scene.boundary import Lambertian
 
 
 @dataclass(eq=False)
@@ -60,7 +61,7 @@ class Readings:
     @cached_property
     def glosses(self) -> dict[float, float]:
         """Gloss by the angle, of all angles asked for, which one solve is for."""
-        return find_glosses(self.panel, [angle for angle in RECEPTORS if f"gloss_{angle:g}" in self.names])
+        return find_glosses_of([self.panel], list_gloss_angles(self.names))[0]
 
 
 @dataclass(frozen=True)
@@ -167,7 +168,36 @@ def check_conditions(names: Sequence[str], conditions: Conditions, wavelengths_u
         weigh_wavelengths(wavelengths_um, "C", 2)
 
 
+def list_gloss_angles(names: Sequence[str]) -> list[float]:
+    """The angles [degrees] of the glosses among the names of quantities."""
+    return [angle for angle in RECEPTORS if f"gloss_{angle:g}" in names]
+
+
 def read_quantities(panel: Panel, names: Sequence[str], conditions: Conditions) -> dict[str, float | Array]:
     """The quantities of a panel by name. Raises SceneError, AccuracyError."""
     readings = Readings(panel, conditions, names)
     return {name: QUANTITIES[name].find(readings) for name in names}
+
+
+def read_panels(
+    panels: Sequence[Panel], names: Sequence[str], conditions: Conditions
+) -> list[dict[str, float | Array]]:
+    """The same of several panels, with the nodes of the first: one call solves all as they lie and over both cards,
+    another finds their gloss."""
+    asked = Drawdown(panels[0], conditions).panel.asked
+    readings = [Readings(replace(panel, asked=asked), conditions, names) for panel in panels]
+    used = {one for name in names for one in QUANTITIES[name].takes}
+    cards = [(1.0, getattr(conditions, card)) for card in CARDS if card in used]
+    own = any(QUANTITIES[name].takes == ("panel",) and "geometry" in QUANTITIES[name].uses for name in names)
+    films = [one.panel for one in readings if own]
+    films += [one.panel.put_over(Lambertian(albedo)) for one in readings for _, albedo in cards]
+    if films:
+        found = iter(np.split(measure_panel(films[0].join(films[1:]), conditions.geometry), len(films)))
+        for one in readings if own else ():
+            one.reflectance = next(found)
+        for one in readings if cards else ():
+            one.drawdown.spectra.update({card: next(found) for card in cards})
+    if angles := list_gloss_angles(names):
+        for one, glosses in zip(readings, find_glosses_of([each.panel for each in readings], angles), strict=True):
+            one.glosses = glosses
+    return [{name: QUANTITIES[name].find(one) for name in names} for one in readings]

@@ -17,6 +17,7 @@ VIEWS: dict[tuple[str, str], str] = {  # of class and verb: what is called with 
     ("Hiding", "plot"): "vrte.pictures.appearance:draw_hiding",
     ("KubelkaMunk", "plot"): "vrte.pictures.appearance:draw_two_fluxes",
     ("Layer", "_repr_html_"): "vrte.pictures.notebook:show_layer",
+    ("Match", "_repr_html_"): "vrte.pictures.notebook:show_match",
     ("Paint", "_repr_html_"): "vrte.pictures.appearance:make_paint_body",
     ("Paint", "save"): "vrte.pictures.appearance:save_paint",
     ("Particles", "_repr_html_"): "vrte.pictures.notebook:show_particles",

@@ -32,7 +32,7 @@ def run(options: argparse.Namespace) -> None:
     starter = find_starter(options.kind).read_text("utf-8")
     write(options.output, lambda path: write_text(starter, path))
     print(f"next: {suggest_next(options.kind, options.output)}")
-    if options.output.suffix.lower() == ".toml":
+    if options.output.suffix.lower() == ".toml" and options.kind != "match":
         print(f"in a browser: {shlex.join(['vrte', 'view', str(options.output)])}")
 
 
@@ -40,5 +40,7 @@ def suggest_next(kind: str, path: Path) -> str:
     """The command that solves a scene file: into a picture, or a table without matplotlib; a paint into its page."""
     draws = importlib.util.find_spec("matplotlib") is not None
     output = ["--plot", path.with_suffix(".png")] if draws else ["-o", path.with_suffix(".csv")]
+    if kind == "match":
+        return shlex.join(["vrte", "paint", "--match", str(path)])
     output = [] if kind in ("paint", "measurement") else output
     return shlex.join(["vrte", STARTERS[kind][0], str(path), *map(str, output)])
