@@ -16,7 +16,7 @@ import pytest
 
 ROOT = Path(__file__).parent
 BUILT_HERE = (ROOT / "vrte" / f"_core{sysconfig.get_config_var('EXT_SUFFIX')}").is_file()
-collect_ignore: list[str] = []
+collect_ignore: list[str] = ["vrte/mitsuba"]  # needs Mitsuba, and has no examples
 
 if not BUILT_HERE:
     sys.path[:] = [folder for folder in sys.path if Path(folder or os.curdir).resolve() != ROOT]

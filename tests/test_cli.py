@@ -81,7 +81,7 @@ REFUSED = [  # a command line, words of the complaint, and of the page that says
         "step_deg is of a .pbsdf alone: leave it out for a .bsdf (docs/how_to/exports.md)",
     ),
     ("export gold.toml -o out.pbsdf --wavelengths-um 0.5,0.6", "takes exactly 5 wavelengths, not 2"),
-    ("export gold.toml -o out.gltf", "must end in .pbsdf or .bsdf or .binary"),
+    ("export gold.toml -o out.gltf", "must end in .nc or .pbsdf or .bsdf or .binary"),
     ("brdf gold.toml -o out.nc --wavelengths-um 0.5,99", "gold.toml: at 99 um: particles.gold.index: "),
     ("brdf gold.toml -o out.nc --wavelengths-um 0.5 --plot a.jpg", "must end in .png or .svg or .pdf"),
     ("material gold", "--wavelength-um is missing"),

@@ -206,7 +206,7 @@ def test_mirrored_beams_are_refused_nested_or_left_out(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("path", "asked", "words"),
     [
-        ("a.gltf", {}, r"path must end in \.pbsdf, \.bsdf, \.binary, \.json, \.mtlx"),
+        ("a.gltf", {}, r"path must end in \.nc, \.pbsdf, \.bsdf, \.binary, \.json, \.mtlx"),
         ("a.bsdf", {"step_deg": 5.0}, r"step_deg is of a \.pbsdf alone"),
         ("a.pbsdf", {"step_deg": 0.1}, r"step_deg must be between 0\.5 and 15 degrees"),
         ("a.bsdf", {"mu_i": 0.5}, "mu_i is not asked for here: a file has directions of its own"),

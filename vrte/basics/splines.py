@@ -26,8 +26,8 @@ def compute_coefficients(grids: tuple[Array, ...], values: Array, degree: int = 
 
     with keep_to_one_thread():  # of BLAS: its threads wait for each other longer than banded systems take
         for axis, grid in enumerate(grids):
-            spline = make_interp_spline(grid, np.moveaxis(values, axis, 0), k=min(degree, grid.size - 1))
-            values = np.moveaxis(spline.c, 0, axis)
+            inverse = make_interp_spline(grid, np.eye(grid.size), k=min(degree, grid.size - 1)).c
+            values = np.moveaxis(np.tensordot(inverse, values, (1, axis)), 0, axis)
     return values
 
 

@@ -15,7 +15,7 @@ from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, share_progress
 from vrte.calls.spectrum import Source, prepare_scenes, solve_spectrum
-from vrte.exports import fitted, measured, merl, polarized
+from vrte.exports import fitted, half_vectors, measured, merl, polarized
 from vrte.exports.colour import weigh_channels
 from vrte.formats.atomic import read_text, write_text
 from vrte.formats.contents import describe_result
@@ -60,10 +60,12 @@ class Format(NamedTuple):
     plugin: str = ""  # Mitsuba's BSDF that reads it, where it can lie below a dielectric
     colours: bool = False  # in place of wavelengths
     fits: bool = False  # a model, which has a mirror's lobe for a smooth surface on top
+    holds_beams: bool = False  # mirrored ones
     beside: str = ""  # suffix of a text with the description, where the file has no place for one
 
 
 FORMATS = {
+    ".nc": Format(half_vectors.ResultFile.make, half_vectors.NOTE, holds_beams=True),
     ".pbsdf": Format(polarized.tabulate_polarized, polarized.NOTE, "measured_polarized"),
     ".bsdf": Format(measured.tabulate_measured, measured.NOTE, "measured"),
     ".binary": Format(merl.tabulate_merl, merl.NOTE, colours=True, beside=".txt"),
@@ -126,9 +128,10 @@ def export(
 ) -> Exported:
     """Solves a scene and writes its BRDF as a renderer reads it, by suffix (docs/how_to/exports.md).
 
-    ``.pbsdf``: Mueller matrices for Mitsuba's ``measured_polarized``; ``.bsdf``: spectra for Mitsuba's ``measured`` and
-    pbrt-v4, sampled after the BRDF; ``.binary``: colours in MERL's format; ``.json`` and ``.mtlx``: numbers of
-    Mitsuba's ``principled`` and of a surface of OpenPBR in MaterialX, fitted to the BRDF.
+    ``.nc``: Mueller matrices and mirrored beams for Mitsuba's BSDF ``vrte`` (``import vrte.mitsuba``), sampled after
+    the BRDF; ``.pbsdf``: Mueller matrices for Mitsuba's ``measured_polarized``; ``.bsdf``: spectra for Mitsuba's
+    ``measured`` and pbrt-v4, sampled after the BRDF; ``.binary``: colours in MERL's format; ``.json`` and ``.mtlx``:
+    numbers of Mitsuba's ``principled`` and of a surface of OpenPBR in MaterialX, fitted to the BRDF.
 
     Parameters
     ----------
@@ -184,7 +187,8 @@ def export(
         surface, files = take_off_surface(files)
     exact = solve_to_compare(files, at, asked)
     smooth = find_smooth_surface(files, exact) if kind.fits and not diffuse else None
-    notes = list_beams(exact, kind, path, nested, diffuse) if smooth is None else []
+    held = kind.holds_beams or smooth is not None
+    notes = [] if held else list_beams(exact, kind, path, nested, diffuse)
     spectrum = solve_for_file(files, at, exact, asked, second)
     more = {"smooth": smooth} if kind.fits else {"step_deg": step_deg} if kind is FORMATS[".pbsdf"] else {}
     made = kind.make(spectrum, [file.scene.facets_on_top for file in files], **more)
@@ -197,7 +201,7 @@ def export(
     found = compare(made, exact, weigh_channels(at) if kind.colours else None, mirrored=smooth is not None)
     done = Exported(paths, tuple(at.tolist()), *found, tuple(notes))
     described: dict[str, Any] = {**describe_result(spectrum)}
-    for name in ("comment", "diagnostics") if kind.colours else ():  # long, and of no use to whoever has colours alone
+    for name in ("comment", "diagnostics") if kind.colours or kind.holds_beams else ():  # long; a result has them
         described.pop(name)
     described |= {"wavelengths_um": done.wavelengths_um, "note": kind.note, "error": done}
     text = "\n".join([*(f"{name}: {value}" for name, value in described.items()), *notes])
@@ -221,6 +225,8 @@ def check_export(path: Path, step_deg: float | None, nested: bool, diffuse: bool
         if kind is not FORMATS[".pbsdf"]:
             raise SceneError.of("step_deg", f"is of a .pbsdf alone: leave it out for a {path.suffix}")
         polarized.make_axes(step_deg)
+    if diffuse and kind.holds_beams:
+        raise SceneError.of("diffuse", f"leaves out a beam that a {path.suffix} holds: leave it out")
     if nested and diffuse:
         raise SceneError.of("diffuse", "leaves out the beam that nested keeps: ask for one of them")
     if nested and not kind.plugin:
