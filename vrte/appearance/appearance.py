@@ -280,8 +280,7 @@ def appearance(
 def read_spectrum(
     spectrum: Spectrum, geometries: Sequence[str] | None, port_deg: float
 ) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Reflectance factors and Stokes vectors by geometry, those asked for or all of the standard ones that a spectrum
-    has directions for. Raises SceneError where it lacks those that were asked for, or has none."""
+    """Reflectance factors and Stokes vectors by geometry, as a spectrum has directions. Raises SceneError."""
     if spectrum[0].diagnostics.get("illuminate", "top") != "top":
         raise SceneError("the spectrum must be lit from the top: a panel is looked at from above", "illuminate")
     seen = see_spectrum(spectrum)

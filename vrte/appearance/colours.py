@@ -37,8 +37,7 @@ def list_illuminants() -> list[str]:
 
 
 def combine_with_observer(find_light: Callable[[Array], Array], observer: int) -> tuple[Array, Array]:
-    """Wavelengths [um] from 0.36 to 0.83, 1 nm apart (m,), and (m, 3) colour-matching functions times a light, of any
-    unit, whose spectrum at wavelengths [um] ``find_light`` is."""
+    """Wavelengths [um] (m,), 1 nm apart, and colour-matching functions (m, 3) times the light of ``find_light``."""
     matching = import_colour_science().MSDS_CMFS[OBSERVERS[observer]]
     fine = matching.wavelengths * 1e-3
     return fine, matching.values * find_light(fine)[:, None]
@@ -227,8 +226,7 @@ def find_colour(wavelengths_um: Any, reflectance: Any, illuminant: str = "D65", 
 
 
 def estimate_error(wavelengths_um: Any, reflectance: Any, illuminant: str = "D65", observer: int = 10) -> float:
-    """CIEDE2000 from a colour to that of every second wavelength and the last: whether steps are narrow enough; smooth
-    spectra are better, and a ripple of the steps' own period stays unseen."""
+    """CIEDE2000 from a colour to that of every second wavelength: whether the steps are narrow enough."""
     colour = find_colour(wavelengths_um, reflectance, illuminant, observer)
     count = np.size(reflectance)
     half = np.unique([*range(0, count, 2), count - 1])
@@ -239,8 +237,7 @@ def estimate_error(wavelengths_um: Any, reflectance: Any, illuminant: str = "D65
 
 
 def find_difference(one: Colour, other: Colour) -> float:
-    """CIEDE2000 (ISO/CIE 11664-6, kL = kC = kH = 1) of two colours in one light, about 1 where the difference is just
-    seen side by side. Raises SceneError where illuminant or observer differ."""
+    """CIEDE2000 (ISO/CIE 11664-6, kL = kC = kH = 1) of colours in one light. Raises SceneError in two."""
     if (one.illuminant, one.observer) != (other.illuminant, other.observer):
         lights = " and ".join(f"{each.illuminant}, {each.observer} degrees" for each in (one, other))
         raise SceneError(f"colours can be compared in the same light and by the same observer alone, not {lights}")
@@ -249,8 +246,7 @@ def find_difference(one: Colour, other: Colour) -> float:
 
 
 def find_flop_index(near: float, face: float, far: float) -> float:
-    """The flop index of a metallic paint by its L* at 15, 45 and 110 degrees off the mirrored beam: how much darker it
-    turns, 0 where it turns no darker; solid colours have about 0, strong metallic ones 15 and more (Alman 1987)."""
+    """The flop index by L* at 15, 45, 110 degrees off the mirrored beam (Alman 1987); 0 where nothing falls."""
     fall = near - far
     return 2.69 * fall**1.11 / face**0.86 if fall > 0.0 else 0.0
 

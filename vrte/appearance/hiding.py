@@ -102,8 +102,7 @@ class Conditions:
 
 @dataclass(eq=False)
 class Drawdown:
-    """The film of a panel over cards at thicknesses over its own, on nodes that are chosen at first. Raises
-    SceneError."""
+    """The film of a panel over cards at thicknesses over its own, on nodes chosen at first."""
 
     panel: Panel
     conditions: Conditions
@@ -208,8 +207,7 @@ def find_hiding_times(contrast: Callable[[float], float], target: float, limit: 
 
 
 def stretch_contrast(contrast: Any) -> Array:
-    """log(-log(1 - C)) of contrast ratios: over the logarithm of the thickness its slope is 1 to 2 where films
-    are thin, about 1 where they absorb, and falls slowly where thick ones do not."""
+    """log(-log(1 - C)) of contrast ratios, which over the logarithm of the thickness is nearly straight."""
     return np.log(-np.log1p(-np.clip(contrast, LEAST_RATIO, 1.0 - LEAST_GAP)))
 
 

@@ -150,8 +150,7 @@ class Paint:
 
 
 def cut_lobe(lobe: Brdf) -> tuple[Array, Array]:
-    """Angles of exit (n,) [degrees], below 0 on the side of the light, and Stokes vectors (n, 4) [1/sr] of unpolarized
-    light in the plane of incidence, of a BRDF at azimuths 0 and 180."""
+    """Angles of exit (n,) [degrees] in the plane of incidence, and Stokes vectors (n, 4) [1/sr], of a BRDF."""
     angle = np.degrees(np.arccos(lobe.mu_o))
     order, off = np.argsort(angle), np.flatnonzero(lobe.mu_o < 1.0)
     ahead, back = (lobe.mueller[0, :, phi, :, 0] for phi in (0, 1))

@@ -147,8 +147,7 @@ class Panel:
         return self.solve_as("radiance", progress, mu0=np.atleast_1d(mu_i), mu=list(np.atleast_1d(mu_o)), phi=phi)
 
     def solve_as(self, kind: str, progress: Progress | None = None, **directions: Any) -> tuple[Any, ...]:
-        """What `vrte.brdf` or `vrte.radiance` finds at all wavelengths, side by side on the cores; nodes, if not given,
-        are those of the first, last or middle one. ``progress``: (wavelengths done, wavelengths)."""
+        """What `vrte.brdf` or `vrte.radiance` finds at all wavelengths, nodes being those of three of them."""
         count = len(self)
         looked_at = [] if "nodes" in self.asked else self.ends_and_middle
         rest = [index for index in range(count) if index not in looked_at]

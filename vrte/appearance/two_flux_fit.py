@@ -251,8 +251,7 @@ def solve_film(panel: Panel, progress: Progress | None = None) -> tuple[Array, A
 def find_surface_shares(
     panel: Panel, geometry: Geometry, white: float, progress: Progress | None = None
 ) -> tuple[Array, Array, Array]:
-    """k1 (n,), k2 over black and over white (2, n), and k2 of even light (n,) of the surface on top; 0 without one. k2
-    is a balance of fluxes right below the surface. Raises SceneError."""
+    """k1 (n,), k2 over black and white (2, n), and of even light (n,), of the surface; by fluxes below it."""
     outer, even = np.zeros((2, len(panel)))
     returned = np.zeros((2, len(panel)))  # over black, over white
     mu, weights = find_beams(geometry)
@@ -281,8 +280,7 @@ def find_beams(geometry: Geometry) -> tuple[Array, Array]:
 
 
 def find_even_share(surface: Interface) -> float:
-    """What a surface sends back of even light from below it, r_i, by 1 - (1 - r_e)/n^2 where smooth and denser
-    below."""
+    """What a surface sends back of even light from below it, r_i, by 1 - (1 - r_e)/n^2 where denser below."""
     mu, weights = hemisphere(FINE)
     ratio = surface.index_below / surface.index_above
     if surface.is_smooth and ratio > 1.0:

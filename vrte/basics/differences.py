@@ -49,8 +49,7 @@ def sample_around(
     step: float,
     stencils: tuple[Mapping[int, float], Mapping[int, float]] = FIVE_POINTS,
 ) -> list[tuple[float, Item]]:
-    """Weights and what ``make`` makes of numbers around ``value``: their sum is the derivative, to fourth order of the
-    step, or to sixth by SEVEN_POINTS. Raises the first SceneError if neither side has room."""
+    """Weights and items of ``make`` around ``value`` that add up to its derivative. Raises the first SceneError."""
     central, one_sided = stencils
     step = round_step(step) if stencils is FIVE_POINTS else step
     refused: SceneError | None = None

@@ -105,8 +105,7 @@ def _turn_back(block: Array, pairs: Sequence[tuple[int, int]], degrees: NDArray[
 
 @lru_cache(maxsize=32)
 def find_gauss_legendre(count: int) -> tuple[Array, Array]:
-    """Nodes in (-1, 1), ascending, and weights, (count,), to a few units of the last digit, by Newton in the angle:
-    Abramowitz and Stegun (1964), 22.7.10, 22.16.6, 25.4.29."""
+    """Gauss nodes in (-1, 1), ascending, and weights, (count,): Abramowitz and Stegun (1964), 22.16.6, 25.4.29."""
     half = (count + 1) // 2
     guess = (4.0 * np.arange(1, half + 1) - 1.0) / (4.0 * count + 2.0) * math.pi
     angle = guess + (count - 1.0) / (8.0 * count**3) / np.tan(guess)

@@ -184,8 +184,7 @@ def start_run(threads: int | None, operations: float = math.inf) -> Run:
 
 
 def run_interruptible(run: Run, call: Callable[[], Result]) -> Result:
-    """call() in a thread of its own while this one waits, so that Ctrl-C reaches the compiled loops, and a child forked
-    later starts OpenMP threads of its own. A brief call goes without: its loops start no threads."""
+    """call() in a thread of its own, so that Ctrl-C reaches compiled loops; a brief one in this thread."""
     with count_solve():
         return call() if run.brief else _run_in_thread(run, call)
 

@@ -140,8 +140,7 @@ def note_interference(request: Request, diagnostics: dict[str, Any]) -> dict[str
 
 
 def gather_arrays(request: Request, solution: Solution) -> dict[str, Array]:
-    """Mueller matrices (n_in, n_mu, n_phi, 4, 4) of light going up at the top and, where asked for, down at the
-    bottom, as seen from the side that is lit, and the reflectance (n_in,)."""
+    """Mueller matrices (n_in, n_mu, n_phi, 4, 4) out of the top and bottom from the lit side, reflectance (n_in,)."""
     matrices = [make_readonly(values)[0] for values in solution.parts]  # of one depth
     if request.illuminate == "bottom":
         matrices = [mirror_mueller(values) for values in matrices]
@@ -150,8 +149,7 @@ def gather_arrays(request: Request, solution: Solution) -> dict[str, Array]:
 
 
 def find_beams(request: Request) -> dict[str, Array]:
-    """The share (n_in,) that gets through as a beam; Mueller matrices (n_in, 4, 4) of beams mirrored and let
-    through."""
+    """Shares (n_in,) of beams that get through; their Mueller matrices (n_in, 4, 4), mirrored and turned."""
     scene, into = request.scene, request.mu0
     direct = np.zeros((2, into.size, 2, 4, 4))
     through = np.exp(-scene.thickness / into)

@@ -239,8 +239,7 @@ def is_shared() -> bool:
 def run_side_by_side(
     calls: Sequence[Callable[[], Made]], progress: Progress | None = None, workers: int | None = None, stop: Any = None
 ) -> list[Made]:
-    """What the calls return, in order, on so many ``workers`` (None: usable CPUs); the first error stops those not
-    begun; an interrupt sets the flag ``stop`` (1,), which the calls look at."""
+    """What calls return, in order, on ``workers`` threads; the first error or an interrupt sets ``stop`` (1,)."""
     share = _share.get()
 
     def perform(call: Callable[[], Made]) -> Made:

@@ -32,8 +32,7 @@ DIFFUSES = 0.8  # over the square of a thickness: absorption that it notices, pi
 
 
 def differentiate_once(plan: Plan, variation: Variation, run: Run, progress: Progress | None = None) -> Solution:
-    """The derivative of a plan's solution with one variation, by five points on the nodes and with the truncation of
-    the plan. Raises SceneError where a bound on either side leaves none."""
+    """The derivative of a plan's solution with one variation, by five points. Raises SceneError at bounds."""
     scenes = sample_scenes(plan.request, variation)
     plans = [plan_batch(plan, scene, run) for _, scene in scenes]
     sums: list[Array] = []
@@ -170,8 +169,7 @@ class Derivative:
 
 
 def read_derivatives(scene: Scene, derivatives: Derivatives) -> list[Variation]:
-    """The variations that are asked for, names among them looked up in the scene. Raises SceneError for a name that
-    there is not, that does nothing or stands there twice, and for a variation of another scene."""
+    """The variations asked for, names looked up in the scene. Raises SceneError for unknown, idle or double ones."""
     if derivatives is None:
         return []
     several = (derivatives,) if isinstance(derivatives, str | Variation) else derivatives
@@ -187,8 +185,7 @@ def read_derivatives(scene: Scene, derivatives: Derivatives) -> list[Variation]:
 
 
 def find_fault(scene: Scene, variation: Variation) -> str:
-    """Why there is no such derivative of a scene, "" where there is: thickness or white albedo of a semi-infinite
-    one."""
+    """Why a scene has no such derivative, or "": thickness or white albedo of a semi-infinite layer."""
     last, of = scene.layers[-1], variation.thickness.size
     if of != len(scene.layers):
         return f"it is of {of} layers, and the scene has {len(scene.layers)}"
@@ -305,8 +302,7 @@ def collect_jacobians(
     gather: Callable[[Request, Solution], dict[str, Array]],
     find_beams: Callable[[Request], dict[str, Array]],
 ) -> dict[str, Any]:
-    """Derivatives by attribute of a result, then by name of the number; ``of`` maps each attribute to the array that it
-    differentiates, if ``there``. ``gather`` reads arrays from a solution, ``find_beams`` beams of a request."""
+    """Derivatives by attribute and name of number of arrays ``there``, from solutions and from beams of requests."""
     here = find_beams(request) if derivatives else {}
     changes = {
         one.variation.name: gather(request, one.solution)

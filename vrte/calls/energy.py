@@ -31,8 +31,7 @@ def note_energy(request: Request, solution: Solution) -> dict[str, Any]:
 
 
 def find_net_fluxes(request: Request, solution: Solution) -> Array:
-    """Flux down less flux up, beams included, over that of the light that falls in, (n_tau, n_in, n_col): of a BRDF for
-    each incident Stokes parameter, of a field for all of its light."""
+    """Flux down less up, beams included, over the incident one, (n_tau, n_in, n_col); of a field all columns in one."""
     scene, mu0, tau = request.scene, request.mu0, request.tau
     net, columns = solution.flux_down - solution.flux_up, request.columns
     if request.kind != "brdf":
@@ -79,8 +78,7 @@ def balances_at_top(request: Request, net: Array, allowed: float) -> bool:
 
 
 def locate_levels(request: Request) -> tuple[Array, list[bool]]:
-    """Where the depths of a request lie in the list of all that light meets (interface, layer, interface, ..., and what
-    bounds it below), (n_tau,), and which of these may lose or make light."""
+    """Depths (n_tau,) as places in the list of interfaces, layers and base, and which of these may lose light."""
     scene = request.scene
     losing = [False] * (2 * len(scene.layers) + 2)
     for k, layer in enumerate(scene.layers):

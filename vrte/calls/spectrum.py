@@ -90,8 +90,7 @@ def prepare_scenes(
     progress: Progress | None = None,
     asked: Mapping[str, Any] | None = None,
 ) -> tuple[list[SceneFile], bool | None]:
-    """The scene at each wavelength, its particles worked out, and whether the user was warned of their time: what is
-    ``asked`` of them is predicted first, by some of them. Raises SceneError, also beyond ``time_limit_s``."""
+    """The scenes at wavelengths, and whether the user was warned of their time. Raises SceneError beyond the limit."""
     made: dict[int, SceneFile] = {}
 
     def prepare(index: int) -> SceneFile:
@@ -150,8 +149,7 @@ def solve_spectrum(
     variations: Sequence[Sequence[Variation]] = (),
     **asked: Any,
 ) -> Spectrum:
-    """The spectrum of what `prepare_scenes` made; ``asked`` as for `spectrum`; ``warned``: whether the user was
-    warned of their time, None: not yet predicted; ``variations`` of each, to differentiate with."""
+    """The spectrum of what `prepare_scenes` made, differentiated by ``variations`` of each; ``warned`` of its time."""
     with files[0].located():
         requests = [make_request("brdf", file.scene, **file.keywords(asked)) for file in files]
         found = solve_brdfs(requests, progress, "wavelengths", warned, variations)

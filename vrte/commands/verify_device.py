@@ -211,8 +211,7 @@ def verify_device(
     seconds: float = LONGEST,
     wanted: Sequence[str] = (),
 ) -> str:
-    """Writes a line of each check ``wanted`` (None: all) of a device (None: the one that is taken) within about so many
-    seconds; one sentence where one did not pass or none was done, else "". Raises DeviceError."""
+    """Writes a line of each check of a device; one sentence where one did not pass, else "". Raises DeviceError."""
     all_devices = device.devices()
     chosen = all_devices.index(device.find_chosen_device()) if index is None else index
     if not 0 <= chosen < len(all_devices):

@@ -85,8 +85,7 @@ def is_sealed(path: str) -> bool:
 
 
 def check_text(first: bytes, rest: Iterable[bytes]) -> bool:
-    """Whether the ``first`` line of a text is the checksum of the ``rest``. Raises SceneError where it does not fit. A
-    program that saves the text with other line ends changes that line, too: such a text counts as one without."""
+    """Whether the ``first`` line is the checksum of the ``rest``. Raises SceneError where it does not fit."""
     if not (first.startswith(COMMENT + WORD) and len(first) == len(COMMENT) + LENGTH):
         return False
     if first != COMMENT + make_seal(rest):

@@ -128,8 +128,7 @@ class Columns:
 
     @classmethod
     def parse(cls, text: str, most_rows: int) -> "Columns":
-        """The table of a text, whose first line that is no comment (#) names the columns. Semicolons, tabs, commas or
-        white space separate cells; but for commas, numbers may have decimal commas. Raises SceneError."""
+        """The table of a text behind comments (#), cells by semicolons, tabs, commas or blanks. Raises SceneError."""
         kept = [(number, line) for number, line in list_lines(text) if line.lstrip()[0] != "#"]
         if len(kept) > most_rows + 1:
             raise SceneError(f"the table must have at most {most_rows} rows, not {len(kept) - 1}")
@@ -175,8 +174,7 @@ class Columns:
         ascending: bool = False,
         may_be_empty: bool = False,
     ) -> Array:
-        """The numbers of a column (rows,): finite, from ``low`` (with ``above``: more than it) to ``high``, each larger
-        than the last where they are ``ascending``; NaN for an empty cell where there may be one."""
+        """A column's finite numbers (rows,) within limits, ``above`` low, ``ascending``; NaN where one may be empty."""
         allowed = f"from {low:g} to {high:g}" if high < math.inf else f"{'above' if above else '>='} {low:g}"
         found = np.empty(len(self.rows))
         for row, text in enumerate(self.words(name)):

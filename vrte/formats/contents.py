@@ -33,8 +33,7 @@ CONVENTIONS: str = DECLARED["conventions"]
 
 @dataclass(frozen=True)
 class Described:
-    """One array of a file: its dimensions, its unit as UDUNITS writes it, what it means, its columns in a table of one
-    row a direction where it is there, and its name in CF's table of standard names where it has one."""
+    """One array of a file: dimensions, unit (UDUNITS), meaning, columns of a table, CF's standard name or None."""
 
     dims: tuple[str, ...]
     units: str

@@ -194,8 +194,7 @@ def read_beside(table: Table, key: str, read: Callable[[Path], Read], folder: Pa
 
 
 class Row(NamedTuple):
-    """A kind of something: ``words`` of a form, what makes it of its ``keys``; particles: what checks, and
-    ``sized``."""
+    """A kind of something: ``words``, what makes it of its ``keys``; of particles a ``check``, and ``sized``."""
 
     words: str
     make: Callable[..., Any]

@@ -308,8 +308,7 @@ def read_layer(layer: Table, reading: Reading) -> tuple[Table, str, dict[str, An
 
 
 class FilledLayer(NamedTuple):
-    """A layer of particles: place in the file, kinds, ``amounts`` (of each kind, by number or ``by_volume``, the volume
-    filled, 0 where it does not matter, and the thickness, optical or, ``is_length``, in um), and packing."""
+    """A layer of particles: place, kinds, ``amounts`` (of each kind, the volume filled, the thickness), packing."""
 
     place: int
     kinds: list[int]

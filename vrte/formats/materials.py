@@ -35,8 +35,7 @@ HOW_THICK = CHANGED[:2]
 
 @dataclass(frozen=True, eq=False)
 class ReadyMaterial:
-    """A ready material or paint: its ``name``; a heading; what it is; in which ways it is not the real thing; where its
-    numbers come from; and its tables as scene files have them, ``particles`` by name and ``layer``, or ``paint``."""
+    """A ready material or paint: what it is and is not, sources, and its tables as scene files have them."""
 
     name: str
     title: str

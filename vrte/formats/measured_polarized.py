@@ -95,8 +95,7 @@ FEWEST, MOST = 8, 1024
 
 
 def directions(cosines: int = COSINES, azimuths: int = AZIMUTHS) -> dict[str, Any]:
-    """What a spectrum must be solved for to be written as a table: ``cosines`` mu_i and mu_o, ``azimuths`` phi from 0
-    to 180 degrees, twice the Fourier orders at least. Raises SceneError."""
+    """Directions mu_i, mu_o and phi [degrees] for a spectrum that is written as a table. Raises SceneError."""
     mu = make_cosines(check_whole("cosines", cosines, FEWEST, MOST))
     return {"mu_i": mu, "mu_o": mu, "phi": np.linspace(0.0, 180.0, check_whole("azimuths", azimuths, FEWEST, MOST))}
 

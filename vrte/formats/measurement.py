@@ -22,8 +22,7 @@ SIGMA = "_sigma"  # behind the name of a quantity in NetCDF: its standard deviat
 
 
 def read_columns(path: PathName, names: Sequence[str]) -> dict[str, list[Any]] | Columns:
-    """The columns of a measurement's file among ``names``, NaN or "" where a cell is empty; the table as it is where
-    its columns have other names. Raises SceneError, which names the line, MissingExtraError, OSError."""
+    """A measurement file's columns among ``names``, or the table of an instrument. Raises SceneError, OSError."""
     if Path(check_file_name(path)).suffix.lower() == ".nc":
         found = read_netcdf(path, None, LARGEST_FILE)
         if "quantity" not in found.arrays:
@@ -58,8 +57,7 @@ def check_names(given: Sequence[str], names: Sequence[str]) -> None:
 
 
 def spread_quantities(stored: Stored, names: Sequence[str]) -> dict[str, list[Any]]:
-    """The rows of quantities that are arrays over angles and wavelengths, named as the coordinates are, with standard
-    deviations in variables that end in _sigma; places without a number are left out. Raises SceneError."""
+    """The rows of quantities that are arrays over coordinates, with those in _sigma. Raises SceneError."""
     xarray = import_extra("xarray", "reading a measurement in NetCDF", "files")
     data = xarray.Dataset({name: (stored.dims[name], values) for name, values in stored.arrays.items()})
     coordinates = [name for name in names if name in data.coords]

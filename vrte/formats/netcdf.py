@@ -47,8 +47,7 @@ class Stored(NamedTuple):
 
 
 def save_netcdf(result: Result, path: PathName) -> None:
-    """Writes ``result``, all of it or nothing, and a checksum; same result, same bytes. Raises MissingExtraError,
-    OSError."""
+    """Writes ``result``, all or nothing, behind it a checksum; same result, same bytes. Raises OSError."""
     dataset = to_xarray(result)
     h5netcdf = import_extra("h5netcdf", NETCDF, "files")
     from xarray.backends import H5NetCDFStore
@@ -153,8 +152,7 @@ def answer() -> None:
 
 
 def read_stored(name: str, wanted: Collection[str] | None, most_bytes: float) -> Stored:
-    """The ``wanted`` arrays of a NetCDF file, or all. Raises SceneError for one that is not plainly numbers or words in
-    this very file, or declares more than the file can hold, and beyond ``most_bytes`` in all."""
+    """The ``wanted`` arrays of a NetCDF file (None: all). Raises SceneError for what is not plainly in it."""
     try:
         with open(name, "rb") as file:
             classic = file.read(4) in CLASSIC

@@ -240,8 +240,7 @@ FORMATS: dict[str, tuple[Writer, Reader]] = {  # another one: a file that writes
 
 
 def save(result: Result, path: str | os.PathLike[str]) -> None:
-    """Writes a BRDF, field or spectrum, all of it or nothing, to .nc (NetCDF), .csv (a table) or .zarr (a folder).
-    Raises SceneError for another ending, OSError, MissingExtraError without the extra "files"."""
+    """Writes a result to .nc, .csv or .zarr, all or nothing. Raises SceneError, OSError, MissingExtraError."""
     suffix = Path(check_file_name(path)).suffix.lower()
     if suffix not in FORMATS:
         raise SceneError(f"the name of a result must end in {', '.join(FORMATS)}, not {check_file_name(path)!r}")

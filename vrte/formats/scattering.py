@@ -94,8 +94,7 @@ def read_wavelength_table(path: PathName, selection: dict[str, float | None]) ->
 
 
 def arrange_libradtran(stored: Stored, selection: dict[str, float | None]) -> WavelengthTable:
-    """wavelen (nlam), theta and phase (nlam, nreff or nhum, nphamat, nthetamax): P11, P12, P33, P34, P22, P44; NaN or
-    ntheta (nlam, nreff, nphamat) ends an element's angles."""
+    """wavelen (nlam), theta, phase (nlam, nreff or nhum, nphamat, nthetamax), angles cut by NaN or ntheta."""
     phase, theta = stored.arrays["phase"], stored.arrays["theta"]
     if phase.ndim != 4 or phase.shape != theta.shape or phase.shape[2] not in (1, 4, 6):
         raise SceneError(

@@ -49,8 +49,7 @@ Arrays = dict[tuple[str | int, ...], Any]  # what a scene is made of, by what an
 
 
 class ChangingFile:
-    """The content of a scene file in a folder with the ``names`` of some of its ``numbers``, as sweeps have them; a
-    paint, and where a number is of one a ready material, are expanded. Raises SceneError."""
+    """A scene file's content, expanded, with ``names`` of some of its ``numbers``. Raises SceneError."""
 
     def __init__(self, content: dict[str, Any], names: Sequence[str], folder: Path) -> None:
         self.names, self.folder, self.optics = names, folder, Optics()
@@ -167,8 +166,7 @@ class Recipe:
 
 @dataclass(eq=False)
 class Draft:
-    """What is known of a variation: the ``slopes`` of what its scene is made of; the kinds of particles that it
-    ``changed``, with theirs; and those of the ingredients of all layers, where not all of that is in closed form."""
+    """A variation under way: ``slopes``, kinds it ``changed`` with theirs, ``ingredients`` where not closed."""
 
     name: str
     value: float

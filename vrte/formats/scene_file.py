@@ -109,8 +109,7 @@ class SceneFile:
     filled: list[FilledLayer] = field(default_factory=list)
 
     def keywords(self, asked: Mapping[str, Any]) -> dict[str, Any]:
-        """All keywords of ``vrte.brdf`` or ``vrte.radiance`` but the scene, those ``asked`` in place of the file's;
-        settings by other names stay, but not those of another method, nor nodes where "auto" is to choose."""
+        """All keywords of the call but the scene, those ``asked`` in place of the file's, settings merged by name."""
         found = self.request | self.options | dict(asked)
         if asked.get("method") == AUTO and "nodes" not in asked:
             found.pop("nodes", None)
@@ -127,8 +126,7 @@ class SceneFile:
 
 
 def read_scene(path: str | os.PathLike[str], kind: str | None = None, wavelength_um: float | None = None) -> SceneFile:
-    """The scene file at ``path``, for ``kind`` "brdf" or "field" (None: the one it has a table of), checked;
-    ``wavelength_um`` wins over the file's. Raises SceneError naming the dotted key, OSError."""
+    """The scene file at ``path`` for a ``kind``, checked, at its wavelength or another. Raises SceneError, OSError."""
     text = read_text(path, LARGEST_FILE)
     changed = {} if wavelength_um is None else {"wavelength_um": wavelength_um}
     return replace(make_scene_file(parse_toml(text) | changed, kind, Path(path).parent), text=text)
@@ -149,8 +147,7 @@ def read_listed_wavelengths(content: dict[str, Any]) -> list[float] | None:
 def make_scene_file(
     content: dict[str, Any], kind: str | None = None, folder: Path = Path(), compute: Compute = make_particles
 ) -> SceneFile:
-    """What a scene file of this content holds, the files it names in ``folder``; ``compute`` makes particles of a
-    source and its keywords, or only checks them (`check_particles`). Raises as `read_scene`."""
+    """What a scene file of this content holds; ``compute`` makes or checks particles. Raises as `read_scene`."""
     file = Table((), expand_content(content, folder), FILE_KEYS)
     for key in WORDS:
         read_words(file, key)
@@ -212,8 +209,7 @@ def find_named_tables(content: Mapping[str, Any]) -> dict[Place, str]:
 
 
 def find_known_wavelengths(content: Mapping[str, Any], folder: Path = Path()) -> tuple[float, float, str]:
-    """The wavelengths [um] from and to which all indices of a scene file are known, and the last substance that ends
-    them; (0, inf, "") where none does. Indices that are wrong count as known. Raises OSError."""
+    """Wavelengths [um] that all indices of a scene file are known for, and the last substance that ends them."""
     found = (0.0, math.inf, "")
     with suppress(SceneError):
         content = expand_content(content, folder)

@@ -41,8 +41,7 @@ def find_method(name: str) -> Method:
 
 
 def choose_method(request: Request) -> Request:
-    """The request with its method named: for "auto", the one that the rules take; with the accuracy of a device without
-    doubles where none was given. Raises SceneError where the method does not take the request."""
+    """The request with its method named, for "auto" by the rules. Raises SceneError where that does not take it."""
     if request.backend is Backend.OPENCL and request.precision == "auto" and "accuracy" not in request.given:
         request = replace(request, accuracy=find_usual_accuracy(request.accuracy))
     if request.method == AUTO:
@@ -66,8 +65,7 @@ def make_run(request: Request, count: int = 1) -> Run:
 
 
 def solve_request(request: Request, run: Run, progress: Progress | None = None) -> tuple[Array, Solution]:
-    """The signed cosines of the result and the solution by the request's method, incident columns added up as wanted.
-    Raises SceneError, which names the method, where it does not take the scene or what is asked for."""
+    """Signed cosines and solution by the request's method. Raises SceneError where that does not take it."""
     method = find_method(request.method)
     settings = method.checked(request)
     if request.method != EXACT:

@@ -81,8 +81,7 @@ def solve_by_small_angles(task: Task) -> Answer:
 
 
 def expand_diffuse_part(scene: Scene, problem: Problem) -> Array:
-    """Coefficients of the diffuse part about the beam at every depth, columns a1 .. b2, for a unit beam at the top:
-    (n_tau, n_in, terms, 6). The problem has the layers as they are."""
+    """Coefficients a1 .. b2 of the diffuse part of a unit beam at every depth, (n_tau, n_in, terms, 6)."""
     anisotropic = Anisotropic(scene, problem)
     tables = np.empty((problem.level.size, problem.mu0.size, anisotropic.terms, 6))
     for i, mu0 in enumerate(problem.mu0.tolist()):

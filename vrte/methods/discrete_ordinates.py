@@ -67,8 +67,7 @@ def verify_solution(task: Task) -> Answer:
 
 
 def warn_of_negative(request: Request, intensity: Array, diagnostics: Mapping[str, Any]) -> None:
-    """Warns (AccuracyWarning) of negative intensities of the exact method, of more than the accuracy times the largest
-    of the same beam, axis 0, where terms of phase matrices are cut; or of far larger ones, under a rough surface."""
+    """Warns of negative light of the exact method where terms are cut, or of much under a rough surface."""
     if request.method != EXACT or not intensity.size or not (request.scene.is_rough or diagnostics["terms_cut"]):
         return
     each = intensity.reshape(intensity.shape[0], -1)

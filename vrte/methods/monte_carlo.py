@@ -71,8 +71,7 @@ def solve_by_monte_carlo(task: Task) -> Answer:
 
 
 def find_noise(light: Array, error: Array) -> float:
-    """The largest standard error over the largest I at the same depth for the same beam, both (n_level, n_in, n_mu,
-    n_phi, 4, n_place)."""
+    """The largest standard error over the largest I at the same depth of the same beam."""
     brightest = np.abs(light[..., 0, :]).max(axis=(2, 3, 4), initial=NO_LIGHT)
     return float((error.max(axis=(2, 3, 4, 5), initial=0.0) / brightest).max())
 

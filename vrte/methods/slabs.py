@@ -124,8 +124,8 @@ def solve_by_adding_doubling(task: Task) -> Answer:
 
 
 def limit_starting_thickness(on_nodes: OnNodes, thin: float) -> float:
-    """Largest optical thickness of the starting layer: ``thin`` along the lowest cosine of nodes and beams, and between
-    interfaces along the lowest cosine of outgoing directions as well, which mirrored light of every node takes."""
+    """Optical thickness of the starting layer: ``thin`` along the lowest cosine, of exit too where light is
+    mirrored."""
     media = on_nodes.problem.media
     mirrors = media is not None and media.scene.needs_beam_paths
     lowest = min(float(on_nodes.columns.min()), float(on_nodes.rows.min()) if mirrors else math.inf)
@@ -142,8 +142,7 @@ def count_doublings(tau: float, thin: float) -> int:
 def build_slab(
     on_nodes: OnNodes, scattered: Scattered, tau: float, thin: float, start: int, conserves: bool
 ) -> tuple[Slab, int]:
-    """A homogeneous slab and its doublings from a layer of at most ``thin``; a semi-infinite layer is doubled until
-    nothing comes through, one that ``conserves`` (order 0 at albedo 1) until what comes through is what R lacks."""
+    """A slab doubled from at most ``thin``, and how often; a semi-infinite one until nothing comes through."""
     most = count_doublings(tau, thin)
     slab = make_thin_slab(on_nodes, scattered, thin if math.isinf(tau) else tau / 2.0**most, start)
     for done in range(most + 1):

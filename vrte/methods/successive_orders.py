@@ -25,8 +25,7 @@ BY_ACCURACY = {"tolerance": lambda accuracy: accuracy / LEFT_OUT}
 
 
 def solve_by_successive_orders(task: Task) -> Answer:
-    """Every Fourier order of the truncated phase matrices in turn, (2:21)-(2:23); diagnostics are of orders left out,
-    not of the error in depth."""
+    """Every Fourier order of the truncated phase matrices in turn, (2:21)-(2:23)."""
     problem, convergence = connect_media(task.request, task.problem), Convergence(task.settings)
 
     shape = problem.level.size, problem.mu0.size, problem.columns.shape[0]
@@ -65,8 +64,7 @@ class Convergence:
     remainder: float = 0.0
 
     def sum(self, order: Order) -> tuple[Light, Light | None]:
-        """The sum (2:21) of light scattered once and of each order of scattering in turn, and the same with one order
-        fewer, None for none: the light that directions off the nodes are lit by."""
+        """The sum (2:21) of all orders of scattering, and without the last one, None for none."""
         light = total = order.once
         lit, added = None, [light.largest]
         while True:

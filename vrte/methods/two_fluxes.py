@@ -75,8 +75,7 @@ def solve_one_node(problem: Problem, matrices: Assembled, base: Base, run: Run) 
 
 
 def cut_to_two(request: Request) -> Problem:
-    """The scene with two terms of each phase function: longer ones are cut or lose their forward peak, as discrete
-    ordinates with one node would have it."""
+    """The scene with two terms of each phase function, truncated as discrete ordinates on one node would."""
     return discretise_request(request, CARRIED // 2, find_truncation(request, find_cosines(request)).peaks)
 
 

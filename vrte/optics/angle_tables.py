@@ -89,8 +89,7 @@ def check_decay(sums: Array, f11: Array) -> Array | None:
 
 
 def limit_polarization(ratios: Array) -> Array:
-    """F12, F22, F33, F34, F44 over F11 (5, angles), less polarizing where no particles are so, as between matrices of
-    spheres; half of what a phase matrix may be below 0 is left alone, so that no corners are made for nothing."""
+    """Ratios (5, angles) to F11, less polarizing where no particles are so: half of NEGATIVE_ALLOWED is left alone."""
     f12, f22, f33, f34, f44 = ratios
     wanted = -0.5 * NEGATIVE_ALLOWED
     lowest = np.minimum(find_lowest_coherency_eigenvalue(np.ones_like(f12), f22, f33, f44, f12, f34), wanted)
@@ -134,8 +133,7 @@ class ElementSpline:
 
 
 def follow_errors(coefficients: Array, angles: Array, elements: Array) -> tuple[Array, Array]:
-    """The largest error of an expansion cut after each of its terms (terms,), and that of all, angle by angle
-    (angles,): the largest |difference| of an element over F11, or over 1e-3 of its mean where that is more."""
+    """Largest errors over F11 of an expansion cut after each term (terms,), and by angle of all (angles,)."""
     combined = combine_elements(elements)[:, ::-1]
     theta = np.radians(angles)[::-1]
     cosine, difference = np.cos(theta), find_gap(theta)

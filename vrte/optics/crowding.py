@@ -54,8 +54,7 @@ def compute_structure_factor(q_um: ArrayLike, radius_um: float, volume_fraction:
 
 
 def join_amplitudes(amplitudes: Complex, q: Array, radii: Array, weights: Array, volume_fraction: float) -> Complex:
-    """Q^-H F of amplitudes F (kinds, sizes, angles), each times the root of its size's number share ``weights``: sums
-    over sizes of products F F'* become sums over pairs, F_i S_ij F'_j*."""
+    """Q^-H F of amplitudes F (kinds, sizes, angles), times roots of ``weights``: F_i S_ij F'_j* when multiplied."""
     start, end = find_factors(q, radii, weights, volume_fraction)
     # Woodbury: (1 - v* u^H)^-1 = 1 + v* (1 - u^H v*)^-1 u^H, with matrices of rank 2
     inner = np.eye(2) - np.einsum("kis,lis->skl", start.conj(), end.conj())
@@ -259,8 +258,7 @@ def scatter_in_medium(
 
 
 class Packing(NamedTuple):
-    """A model of crowding: ``words``, up to which volume fraction, how it scatters, what it is ``meant`` for,
-    limits."""
+    """A model of crowding: words, domain, how it scatters, what it is ``meant`` for, its densest volume fraction."""
 
     words: str
     up_to: float

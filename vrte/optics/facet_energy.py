@@ -62,8 +62,7 @@ def restore_lost(surface: RoughSurface, mu_i: Array, mu_o: Array, transmitted: b
 
 
 def share_bounces(surface: RoughSurface, mu: Array) -> Array:
-    """Shares of light along mu (n,) in single bounces, reflected, let through and hidden, of I and of what Q adds, (n,
-    6): integrals over the angle on facets, in pieces between kinks."""
+    """Shares of light along mu (n,) in single bounces, reflected, let through, hidden, of I and by Q, (n, 6)."""
     x, weights = make_double_gauss(POINTS)
     ratio, theta = complex(surface.ratio), np.arccos(np.minimum(mu, 1.0))[:, None]
     right, slopes = 0.5 * np.pi, SLOPES[surface.distribution]

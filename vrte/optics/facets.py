@@ -70,8 +70,7 @@ class RoughSurface:
         return self.add_lost(f, mu_i, mu_o, False)
 
     def transmit(self, mu_i: Any, mu_o: Any, phi_deg: Any) -> Array:
-        """Mueller matrices f_t [1/sr] of transmission, radiance out over irradiance in, (..., 4, 4); ``mu_o`` > 0 is
-        the cosine behind, whose index is real and not the one before."""
+        """Mueller matrices f_t [1/sr], radiance out over irradiance in, (..., 4, 4); ``mu_o`` is the cosine behind."""
         index, way = self.ratio.real, FacetGeometry(mu_i, mu_o, phi_deg, upward=False)
         across, along = way.measure_gap(index)
         size = np.sqrt(across + along)

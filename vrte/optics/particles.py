@@ -235,8 +235,7 @@ class ParticleKind:
         counts: tuple[int, int],
         converged: Array,
     ) -> tuple[Average, int, float]:
-        """An average over sizes, the number of radii, doubled within ``counts`` until sums (4,) of ``average(count,
-        moment)`` change by no more than ``converged`` (4,), and the last relative change of cross sections."""
+        """An average over sizes to ``converged`` sums (4,), its number of radii, last change of cross sections."""
         held = self.size if isinstance(self.size, Held) else None
         if held and (counts_taken := held.find(self.host)):
             found, _, used = average(*counts_taken)

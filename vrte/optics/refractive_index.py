@@ -20,8 +20,7 @@ from vrte.basics.errors import SceneError, UnitsWarning, warn_user
 
 @dataclass(frozen=True)
 class Named:
-    """What stands for a material: pages of the database, or where it has none an index, real and the same over
-    ``wavelengths_um``; why these; other names, for which it is offered."""
+    """What stands for a material: pages of the database or an index over ``wavelengths_um``, why, other names."""
 
     reason: str
     pages: tuple[str, ...] = ()  # one, or the ordinary and the extraordinary ray of a uniaxial crystal

@@ -192,8 +192,7 @@ class Tabulated:
 
 @dataclass(eq=False)
 class Held:
-    """A distribution averaged over as many radii as it once took, so that averages do not jump; ``settled``, shared by
-    all held together: number of radii and moment in each of the ``hosts``, in order."""
+    """A distribution averaged over the radii it once took: ``settled``, shared, is their number by medium."""
 
     distribution: SizeDistribution
     settled: list[tuple[int, int]]

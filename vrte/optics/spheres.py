@@ -280,8 +280,7 @@ def average_ball(ball: Ball) -> Particles:
 
 
 def compute_mie_coefficients(*numbers: Any) -> tuple[Complex, Complex]:
-    """a_n and b_n (..., orders), n >= 1, of spheres' relative indices and size parameters (...), or those of core and
-    shell; 0 where an order holds nothing (Bohren and Huffman (1983), (4.53), 8.1)."""
+    """a_n and b_n (..., orders), n >= 1, of spheres or coated ones (...): Bohren and Huffman (1983), (4.53), 8.1."""
     given = np.broadcast_arrays(*numbers)
     half, shape = len(given) // 2, given[0].shape
     indices = [np.array(each, np.complex128).ravel() for each in given[:half]]
@@ -301,8 +300,8 @@ def count_orders(size: float) -> int:
 
 @dataclass(frozen=True, eq=False)
 class SphereNumbers:
-    """All that spheres of many sizes depend on, or what it changes by with a number: ``arguments`` of a_n and b_n
-    (arguments, sizes), radii [um] and weights (sizes,), and the wavenumber in the host [1/um]."""
+    """What spheres depend on, or its change: ``arguments`` (arguments, sizes), radii [um], weights, wavenumber
+    [1/um]."""
 
     arguments: Complex
     radii: Array

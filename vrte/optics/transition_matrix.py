@@ -82,8 +82,7 @@ def count_orders(size: float) -> int:
 def choose_matrix(
     solver: Any, shape: int, aspect_ratio: float, size: float, index: complex
 ) -> tuple[Any, float] | None:
-    """The most reciprocal of the matrices by ever finer tolerances, and how far it is from that; None without any. Long
-    or flat particles lose digits with every order: beyond some tolerance nothing converges."""
+    """The most reciprocal of the matrices by ever finer tolerances, and its error; None where none converges."""
     nodes_an_order = max(2, min(8, MOST_NODES // (count_orders(find_reach(shape, aspect_ratio) * size) + SPARE_ORDERS)))
     best: tuple[Any, float] | None = None
     before = (0, 0)

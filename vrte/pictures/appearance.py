@@ -44,8 +44,7 @@ SEEN = 0.5  # CIEDE2000 that is hardly seen side by side
 
 
 def describe_hiding(hiding: Hiding) -> tuple[PlotPanel, PlotPanel]:
-    """The contrast ratio against thickness, with the target and the thickness that reaches it, and Y over black, over
-    white and of the semi-infinite film; dots are exact solves, and a line stands where the panel's own film is."""
+    """Contrast ratio against thickness with its target, and Y over both cards; dots are exact solves."""
     scale, unit = (hiding.length_um, "µm") if hiding.length_um else (1.0, "times the film")
     ends, seen = hiding.times[[0, -1]], hiding.conditions
     fine = np.geomspace(ends[0], ends[1], FINE).clip(ends[0], ends[1])

@@ -73,8 +73,7 @@ def measurement(
     fine: tuple[Measurement, Array] | None = None,
     source: str = SCENE,
 ) -> Any:
-    """What is ``shown`` of a measurement, one of `vrte.app.solving.measuring.list_shown`, and vrte's values
-    ``predicted`` (n,) and ``fine``, at more places, of a ``source``; residuals below, over sigma where known."""
+    """What is ``shown`` of a measurement with values ``predicted`` (n,) and ``fine`` of a ``source``; residuals."""
     sigma = measured.sigma if measured.has_sigma else None
     if shown in (NUMBERS, COLOURS):
         rows = find_rows(measured, shown)

@@ -213,8 +213,7 @@ def project_points(points: Array) -> tuple[Array, Array]:
 
 
 def lobe(brdf: Brdf, index: int, height: str = "f00", colour: str = DEGREE_LINEAR, stokes: Any = UNPOLARIZED) -> Any:
-    """The lobe of `compute_lobe` as a body to turn around, its radius the size of ``height`` over the largest; the
-    incident beam red, the mirrored one green. Raises as `compute_lobe`, MissingExtraError."""
+    """The lobe of `compute_lobe` as a body to turn around, ``height`` its radius. Raises MissingExtraError."""
     import_plotly()
     shown = compute_lobe(brdf, index, height, colour, stokes, STEP)
     largest, unit = float(shown.radius.max()), unit_of(height)

@@ -258,8 +258,7 @@ def draw_field(field: Field) -> Figure:
 
 
 def field_polar(field: Field, quantity: str = "I", over_largest: bool = False, dark: bool = False) -> Any:
-    """A quantity of `vrte.quantities.FIELD_QUANTITIES` in the plane of incidence, ``field.phi`` 0 and 180, as polar
-    diagrams, a curve a depth, or each ``over_largest``; light going up is above."""
+    """One of FIELD_QUANTITIES in the plane of incidence as polar diagrams, a curve a depth, up above."""
     check_name(quantity, FIELD_QUANTITIES)
     mu0 = require_one_beam(field)
     angle, values = select_in_plane(field, quantity)
@@ -339,8 +338,7 @@ def draw_spectrum(spectrum: Spectrum, width: float = 9.6, height: float = 4.2) -
 
 
 def reflectance(found: Any, wavelength_um: Sequence[float], index: int) -> Any:
-    """Reflectance of light from ``mu_i[place]`` against the wavelength; of one wavelength, against the angle of
-    incidence; ``found`` is `vrte.app.solving.worker.Reflectances`. Raises MissingExtraError without Plotly."""
+    """Reflectance of light from ``mu_i[place]`` against wavelength, or of one wavelength against incidence."""
     angle = np.degrees(np.arccos(found.mu_i))
     spectral = len(wavelength_um) > 1
     x = np.array(wavelength_um) if spectral else angle
@@ -359,8 +357,7 @@ def reflectance(found: Any, wavelength_um: Sequence[float], index: int) -> Any:
 
 
 def spectra(found: Any, before: Any, geometry: str) -> Any:
-    """Reflectance factors over black and over white against the wavelength, and thinner those of ``before``; both are
-    `vrte.app.solving.appearance.CardSpectra`. Raises MissingExtraError without Plotly."""
+    """Reflectance factors over black and white against wavelength, thinner those ``before``, as `CardSpectra`."""
     parts = [
         Curve(shares.wavelength_um, curve, name if now else f"{name}, before", colour, dash if now else ":",
               opacity=1.0 if now else 0.6, hover=f"{name}<br>%{{x:.4g}} µm: %{{y:.4f}}")

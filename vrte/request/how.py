@@ -23,8 +23,7 @@ from vrte.scene.illumination import SIDES
 
 
 class Backend(Enum):
-    """Where the stages run (``kernels``: "sequential", "openmp" or the device), and LAPACK or products on the
-    device."""
+    """Where stages run: ``kernels`` "sequential", "openmp" or "opencl"; linear algebra by LAPACK or the device."""
 
     OPENMP = "openmp", "openmp", "lapack"
     SEQUENTIAL = "sequential", "sequential", "lapack"

@@ -59,8 +59,7 @@ def light_on_mesh(
 def light_in_plane(
     brdf: Brdf, place: int, phi_deg: float = 0.0, incident: Any = (1, 0, 0, 0), step_deg: float = 0.5
 ) -> tuple[Array, Array]:
-    """Angles (n,) [degrees] from the normal in the upright plane of an azimuth, below 0 half a turn away, and the
-    Stokes vectors there, (n, 4) [1/sr]; NaN where nothing is known around the normal."""
+    """Angles (n,) [degrees] in the plane of an azimuth, below 0 half a turn away, and Stokes vectors (n, 4) [1/sr]."""
     theta = _list_polar_angles(brdf, step_deg)
     there, opposite = stokes_over_hemisphere(
         brdf, place, theta, np.array([phi_deg, phi_deg + 180.0]), incident

@@ -54,8 +54,8 @@ def of_stokes(stokes: Any, name: str) -> Array:
 
 
 def of_brdf(brdf: Brdf, name: str, stokes: Any = (1.0, 0.0, 0.0, 0.0), transmitted: bool = False) -> Array:
-    """One of QUANTITIES, (n_in, n_out, n_phi), of the diffuse light of a BRDF, or its BTDF, under light ``stokes``
-    (4,), I > 0: elements f00 to f33 [1/sr], the reflectance factor pi times radiance over irradiance, ..."""
+    """One of QUANTITIES, (n_in, n_out, n_phi), of a BRDF's diffuse light, or its BTDF's, under light ``stokes``
+    (4,)."""
     matrices = brdf.transmission if transmitted else brdf.mueller
     if matrices is None:
         raise SceneError("no transmission here: ask vrte.brdf for it with transmission=True")

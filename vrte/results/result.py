@@ -38,8 +38,7 @@ class Labelled:
         object.__setattr__(self, "diagnostics", dict(vars(self)["diagnostics"]))
 
     def _freeze_derivatives(self, of: dict[str, str], shapes: dict[str, tuple[int, ...]]) -> None:
-        """Makes dictionaries of derivatives, each ``of`` an array with a shape, read-only; None if empty. Raises
-        SceneError where a shape or the names do not fit, or what is differentiated is not there."""
+        """Makes derivatives, each ``of`` an array with a shape, read-only; None if empty. Raises SceneError."""
         names: list[str] | None = None
         for attribute, value in of.items():
             given = getattr(self, attribute)

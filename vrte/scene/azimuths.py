@@ -99,8 +99,7 @@ def sum_over_azimuths(
 
 
 def sum_pieces(sample: Sample, mu_i: Array, mu_o: Array, n_order: int, most: Array) -> tuple[Array, Array, int]:
-    """R^m of pairs of directions (pair,), (n_order, pair, S, S), how far each may be off, (pair,), and samples of one:
-    pieces in t of `make_azimuth_rule` are halved until all of Clenshaw and Curtis's points agree with every other."""
+    """R^m (n_order, pair, S, S) by pieces halved until they converge, errors (pair,), and most samples of a pair."""
     pieces = max(FEWEST_PIECES, n_order // 2)
     pair = np.repeat(np.arange(mu_i.size), pieces)
     first, size = np.tile(np.arange(pieces) / pieces, mu_i.size), np.full(pair.size, 1.0 / pieces)
@@ -176,7 +175,6 @@ def make_piece_rule(intervals: int) -> tuple[Array, Array]:
 
 
 def make_azimuth_rule(steps: NDArray[np.int64], count: int) -> tuple[Array, Array]:
-    """Azimuths from 0 to pi [rad] and weights of the trapezoidal rule in t, phi = t - sin(2 t)/2, t = pi steps/count:
-    dense at both ends, where surfaces have their lobes and cusps; the ends themselves weigh nothing."""
+    """Azimuths [rad] and weights of the trapezoidal rule in t, phi = t - sin(2 t)/2, t = pi steps/count."""
     t = np.pi * steps / count
     return t - 0.5 * np.sin(2.0 * t), 2.0 * np.pi / count * np.sin(t) ** 2

@@ -59,8 +59,7 @@ def scatter_back_once(scene: Scene, mu: Array) -> Array:
 
 
 def find_interference(scene: Scene, mu_i: Array, mu_o: Array, phi_deg: Array, mueller: Array) -> Array:
-    """What interference adds to f [1/sr] back along each mu_i (n_in,), (n_in, 4, 4); ``mueller`` is f without it,
-    (n_in, n_out, n_phi, 4, 4), at directions that `check_interference` passes."""
+    """What interference adds to f, ``mueller``, [1/sr] back along each mu_i (n_in,), (n_in, 4, 4)."""
     same, turned = find_back_directions(mu_i, mu_o, phi_deg)
     back = mueller[np.arange(mu_i.size), same.argmax(axis=1), turned.argmax()]
     return exchange_amplitudes(back - scatter_back_once(scene, mu_i))

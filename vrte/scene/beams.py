@@ -54,8 +54,7 @@ def find_cosines(media: tuple[float, ...], index: float, mu: Array) -> Array:
 
 
 def make_interfaces(scene: Scene, cosines: Array) -> Interfaces:
-    """The interfaces of a scene along directions, cosines (medium, n) of `find_cosines`; rough ones and scattering
-    bases send no beam on. Read-only: those along few directions are kept, and other scenes may have the same."""
+    """Interfaces of a scene along cosines (medium, n); rough ones send no beam on. Read-only, few ones kept."""
     ends = None if scene.base is None else -1
     thin = tuple([layer.extent == 0.0 for layer in scene.layers[:ends]])
     if cosines.size > KEPT or scene.below.keeps_beams:
@@ -184,8 +183,7 @@ class Depths:
 
 
 def locate_depths(scene: Scene, tau: Array, under: BoolArray) -> Depths:
-    """Where optical depths lie in a scene; of layers without thickness the interfaces above and below are at one depth:
-    the upper side is that of the first, the lower side that of the last."""
+    """Where optical depths lie; of layers without thickness the first interface above and the last below count."""
     thickness = np.array([layer.extent for layer in scene.layers])
     tops = np.concatenate([[0.0], np.cumsum(thickness)])
     near = np.abs(tops - tau[:, None]) <= LAST_PLACES * np.finfo(float).eps * tau[:, None]

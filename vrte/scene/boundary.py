@@ -46,8 +46,7 @@ def find_coherency(mueller: Array) -> NDArray[np.complex128]:
 
 
 def check_physical(f: Array, mu_i: Array, mu_o: Array, phi_deg: Array) -> None:
-    """Whether f (..., 4, 4) at directions (...) is physical: sums of what single reflections do to the field have
-    coherency matrices without negative eigenvalues. Raises SceneError, which names the worst."""
+    """Whether f (..., 4, 4) at directions (...) is a sum of reflections (coherency). Raises SceneError."""
     lowest, intensity = np.linalg.eigvalsh(find_coherency(f))[..., 0], f[..., 0, 0]
     floor = -NEGATIVE_ALLOWED * intensity - 1e-12 * np.abs(f).max()
     worst = np.unravel_index(np.argmin(lowest - floor), lowest.shape)
@@ -67,8 +66,7 @@ def make_exit_rule(points: int) -> tuple[Array, Array]:
 
 
 def check_energy(reflectance: Callable[[Array, int], Array]) -> None:
-    """Whether a base gives back no more than it gets: ``reflectance`` of cosines (n,) and points of a quadrature is
-    computed with more points, until it converges, only where it seems to be too much. Raises SceneError."""
+    """Whether a base gives back no more than it gets, by quadratures of ``reflectance``. Raises SceneError."""
     most = (1.0 + ENERGY_ALLOWED) * np.maximum(1.0, GRAZING / CHECKED_COSINES)
     excess = reflectance(CHECKED_COSINES, COARSE) / most
     for index in np.argsort(-excess)[: np.count_nonzero(excess > 1.0)]:  # the worst first

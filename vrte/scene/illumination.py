@@ -129,8 +129,7 @@ def sample_incident_light(light: Callable[[Any, Any], Any] | Any, mu_i: Array, p
 
 
 def sum_outgoing_light(mueller: Array, light: Array, mu_i: Array, weights: Array) -> Array:
-    """(2:1)-(2:2), (mu_o, phi, 4): the integral of f(mu_i, mu_o, phi - phi_i) L(mu_i, phi_i) mu_i over mu_i and phi_i,
-    from mueller (mu_i, mu_o, phi, 4, 4) and light (mu_i, phi, 4); over azimuth a circular convolution."""
+    """(2:1)-(2:2), (mu_o, phi, 4), of mueller (mu_i, mu_o, phi, 4, 4) and light (mu_i, phi, 4), by convolution."""
     n_phi = light.shape[1]
     spectra = np.fft.rfft(mueller, axis=2), np.fft.rfft(light, axis=1)
     share = weights * mu_i * (2.0 * np.pi / n_phi)

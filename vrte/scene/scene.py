@@ -215,8 +215,7 @@ def make_empty_layer() -> Layer:
 def sort_stack(
     stack: Sequence[Layer | Interface], has_base: bool
 ) -> tuple[tuple[Layer, ...], tuple[Interface | None, ...], tuple[int | None, ...]]:
-    """The layers of a list, the interface above each and below the last, or None; a clear one without thickness where
-    interfaces or the base have none between; and where in the list each layer is."""
+    """Layers, interfaces above each and below the last or None, places in the list; clear layers where none are."""
     clear = make_empty_layer()
     placed: list[tuple[Layer, int | None]] = []
     interfaces: list[Interface | None] = []

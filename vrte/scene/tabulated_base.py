@@ -257,8 +257,7 @@ def check_matrices_of(name: str, values: Any, shape: tuple[int, ...]) -> Array:
 
 
 def expand_azimuths(phi_deg: Array, mueller: Array, average_mirrored: bool) -> tuple[Array, int]:
-    """R^m/(2 pi) of a table, (order, in, out, 4, 4), and how many azimuths it has all around, mirror images counted.
-    Raises SceneError where these contradict the table, or are too far apart."""
+    """R^m/(2 pi) of a table, (order, in, out, 4, 4), and its number of azimuths all around. Raises SceneError."""
     both = np.round(np.concatenate([phi_deg, -phi_deg]) % 360.0, 6) % 360.0
     azimuths, index, count = np.unique(both, return_inverse=True, return_counts=True)
     differences = np.diff(azimuths, append=azimuths[0] + 360.0)
@@ -304,8 +303,7 @@ def interpolate_azimuths(azimuths: Array) -> Array:
 
 
 def weigh_cosines(grid: Array, mu: Array) -> Array:
-    """Interpolation weights (2, n_mu, n) from descending cosines (n,) of a table to mu (n_mu,), clamped to the smallest
-    cosine: for functions that are even across the normal, as even Fourier orders are, and for odd ones."""
+    """Weights (2, n_mu, n) from descending cosines (n,) to mu (n_mu,), of even Fourier orders and of odd ones."""
     s, at = stretch_cosines(grid), stretch_cosines(np.maximum(mu, grid[-1]))
     unit = np.eye(grid.size)
     found = []
@@ -330,8 +328,7 @@ def interpolate_orders(cosines: tuple[Array, Array], weighted: Array, into: Arra
 
 
 def estimate_error(cosines: tuple[Array, Array], weighted: Array, azimuths: int) -> float:
-    """About how far a table of ``weighted`` orders, from so many azimuths all around, is off between its directions,
-    relative: the root of the mean square over both hemispheres, weighted by both cosines, as light is."""
+    """About how far a table is off between its directions, relative, root of mean square over both hemispheres."""
     both = (cosines[0][:, None] + cosines[1])[..., None, None]
     into, out = (axis * np.abs(np.gradient(axis)) for axis in cosines)
     twice = np.where(np.arange(len(weighted)) > 0, 2.0, 1.0)[:, None, None, None, None]

@@ -119,8 +119,7 @@ class Filling:
 
 
 def vary_filling(filling: Filling, change: Filling, by_volume: bool, is_length: bool) -> tuple[float, float, Array]:
-    """Derivatives of a layer's optical thickness, albedo and coefficients (terms, 6), by a step in the complex plane,
-    which subtracts nothing. Source: W. Squire and G. Trapp, SIAM Review 40, 110 (1998)."""
+    """Derivatives of thickness, albedo and coefficients (terms, 6), by a complex step: SIAM Review 40, 110 (1998)."""
     pairs = zip(vars(filling).values(), vars(change).values(), strict=True)
     stepped = Filling(*(value + 1j * TINY * slope for value, slope in pairs))
     thickness, albedo, coefficients = assemble_layer(stepped, by_volume, is_length)
@@ -288,8 +287,7 @@ def vary_base_number(scene: Scene, name: str, key: str, part: str | None) -> Var
 
 
 def vary_base(base_at: Callable[[float], Boundary | None], value: float, step: float) -> Weighted:
-    """Weights and boundaries of a base's derivative over a number, by differences of sixth order; none if constant, the
-    white one of a Lambertian. Raises SceneError where neither side is allowed."""
+    """Weights and boundaries of a base's derivative over a number, (); of a Lambertian one white. Raises SceneError."""
     pairs = [(weight, base or BLACK) for weight, base in sample_around(base_at, value, step, SEVEN_POINTS)]
     if all(base == pairs[0][1] for _, base in pairs):
         return ()

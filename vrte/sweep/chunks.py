@@ -221,8 +221,7 @@ _outside: list[Any] = []
 
 @contextmanager
 def collect_warnings(warned: dict[str, Any]) -> Iterator[None]:
-    """Puts this thread's warnings into ``warned``, by kind their count and first message. Python shows warnings one way
-    for all threads: the first to enter changes it, the last to leave restores it."""
+    """Puts this thread's warnings into ``warned``, count and first message by kind, whatever others do."""
     thread = threading.get_ident()
     with _lock:
         if not _listening:

@@ -121,8 +121,7 @@ def perform_on_cluster(
 
 @contextmanager
 def start_own_cluster(work: Work, workers: int) -> Iterator[Any]:
-    """A connection to so many processes of this machine, encrypted, on loopback. Raises MissingExtraError,
-    SweepError."""
+    """A connection to so many processes of this machine, encrypted, on loopback. Raises SweepError."""
     import dask
     from distributed import Client, LocalCluster, Security
 

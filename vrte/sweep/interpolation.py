@@ -159,8 +159,7 @@ def interpolate_variable(near: "xarray.DataArray", weights: dict[str, Array]) ->
 
 
 def held_out(table: "xarray.Dataset", points: int = 20, seed: int = 0, folder: Path | None = None) -> HeldOut:
-    """The error of a table of BRDFs between its scenes, by solves at random ``points`` of a ``seed``; ``folder`` has
-    the sweep's tables of coefficients. Raises SceneError for other tables or without a grid, AccuracyError."""
+    """The error of a table of BRDFs between its scenes, by solves at random ``points``. Raises SceneError."""
     sweep = read_sweep(json.loads(table.attrs["sweep"]), folder)
     if sweep.kind != "brdf":
         raise SceneError(f"held_out measures BRDFs, and this is a table of {TABLES[sweep.kind]}")

@@ -189,8 +189,7 @@ def choose_grid(given: Sweep, output: Path, chunk: int | None) -> Grid:
 
 
 def predict_sweep(work: Work, workers: int, limit: float) -> None:
-    """Warns how long the scenes left take on so many workers; beyond the limit [s] it raises SceneError and cleans
-    up."""
+    """Warns how long the scenes left take on so many workers. Raises SceneError beyond the limit [s]."""
     grid, done = work.grid, work.done()
     left = [chunk for chunk in range(grid.chunks) if chunk not in done]
     if not left:

@@ -95,8 +95,7 @@ class Task:
             self.progress(done, total)
 
     def solve_orders(self, problem: Problem, solve: Callable[[int], Array]) -> Array:
-        """Multiply scattered light of each Fourier order in turn, (order, n_tau, n_in, n_col, n_out, 4), from light
-        (n_tau, n_in, n_col, n_out, S) that ``solve`` finds of an order."""
+        """Light of each Fourier order that ``solve`` finds, (order, n_tau, n_in, n_col, n_out, 4), in turn."""
         count, shape = problem.coefficients.shape[1], (problem.level.size, problem.mu0.size, problem.columns.shape[0])
         kernels = np.zeros((count, *shape, problem.mu_out.size, len(ALL)))
         for order in range(count):
@@ -141,8 +140,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Setting:
-    """A knob: its default, its limits (whole where they are) or choices, and what it means; ``for_accuracy``: its
-    default where an accuracy of the discrete problem is asked for."""
+    """A knob: default, limits (whole where they are) or choices, meaning, and default ``for_accuracy``."""
 
     name: str
     meaning: str

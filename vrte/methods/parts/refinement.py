@@ -37,8 +37,7 @@ Solve = Callable[[Sequence[Request]], Sequence[Answer]]
 
 
 def refine_one(request: Request) -> Generator[Request, Answer | AccuracyError, Answer]:
-    """Yields a request on one count of nodes after another, is sent each answer or why there is none, and returns the
-    finest answer with its estimated error. Raises AccuracyError where the finest count found none."""
+    """Yields a request on ever more nodes, is sent answers or errors, returns the finest. Raises AccuracyError."""
     first, accuracy = choose_first_nodes(request), request.accuracy
     azimuths = np.unique(np.linspace(0, request.phi.size - 1, AZIMUTHS).round().astype(np.int32))  # that are compared
     differences: dict[int, float] = {}  # over the brightest light, by the finer count
@@ -140,8 +139,7 @@ def share_steps(progress: Progress | None, step: int) -> Progress | None:
 
 
 def measure_difference(request: Request, one: Solution, other: Solution) -> float:
-    """The largest of radiances over the brightest I at the same depth for the same beam, over flux/pi where no light
-    comes along the directions; and of fluxes/pi over that or over what falls in, whichever is less."""
+    """The largest difference of radiances over the brightest I, and of fluxes/pi over that or what falls in."""
     wanted, every = request.wanted, np.arange(request.tau.size, dtype=np.int32)
     levels = [every] * len(other.parts) if wanted is None else [at for at, _ in wanted.parts]
     fluxes = [sum_fluxes(request, each) for each in (one, other)]
@@ -159,7 +157,6 @@ def measure_difference(request: Request, one: Solution, other: Solution) -> floa
 
 
 def sum_fluxes(request: Request, solution: Solution) -> Array:
-    """Fluxes over pi up and down, (2, n_tau, n_in), as the result scales them: of all of a beam's columns, or of the
-    first, unpolarized light, where each has a place of its own."""
+    """Fluxes over pi up and down, (2, n_tau, n_in), as the result scales them, of all columns or of the first."""
     both, wanted = np.stack([solution.flux_up, solution.flux_down]) / np.pi, request.wanted
     return both.sum(axis=-1) if wanted is None else both[..., 0] * wanted.scale

@@ -33,8 +33,8 @@ Faces = tuple[Array, Array]  # light that leaves a section, up at its top and do
 
 @record
 class Light:
-    """Diffuse light at Gauss points, (2, panel, POINTS, n, b), and ``edges`` (4, interface, n, b): arriving at and
-    leaving each interface above it, entering and rising below it."""
+    """Light at Gauss points (2, panel, POINTS, n, b); ``edges`` (4, interface, n, b) arriving, leaving, entering,
+    rising."""
 
     points: Array
     edges: Array
@@ -255,8 +255,7 @@ class Sections:
 
 
 class Order:
-    """One Fourier order of a stack: what its layers scatter, by layer; the base's operator on the nodes (n, n) or None;
-    ``once``: light scattered, or reflected by the base, once."""
+    """One Fourier order: what layers scatter, the base's operator (n, n) or None, light scattered ``once``."""
 
     def __init__(self, stack: Sections, order: int) -> None:
         self.stack, self.order = stack, order

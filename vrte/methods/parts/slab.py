@@ -248,8 +248,7 @@ def solve_by_slabs(task: Task, build: Builder, stage: str) -> Answer:
 
 
 def join_slabs(task: Task, respond: Responder) -> tuple[Array, Fluxes]:
-    """Light of all Fourier orders and fluxes of order 0: slabs as ``respond`` finds them, added as in (2:8); interfaces
-    and the base are slabs without thickness. Raises AccuracyError for too large a residual."""
+    """Kernels of all orders and fluxes of order 0 of slabs, added as in (2:8). Raises AccuracyError by residuals."""
     problem, run = connect_media(task.request, task.problem), task.run
     route = Refracting(respond, problem, task.request.scene.below, problem.coefficients.shape[1], DEFAULT_ACCURACY)
     if task.problem.media is None:
@@ -271,8 +270,7 @@ def join_slabs(task: Task, respond: Responder) -> tuple[Array, Fluxes]:
 
 
 def make_thin_slab(on_nodes: OnNodes, scattered: Scattered, tau: float, points: int) -> Slab:
-    """R and T of a thin layer, to order tau^(2 points) of what is doubled from it, by a source function through Gauss
-    depths; points 0: single scattering alone, (2:24)-(2:26)."""
+    """R and T of a thin layer to order tau^(2 points); points 0: single scattering alone, (2:24)-(2:26)."""
     z, beam = tau / on_nodes.rows[:, None], tau / on_nodes.columns
     R, T = scattered.back * tau * integrate_once_back(z, beam), scattered.ahead * tau * integrate_once_ahead(z, beam)
     if points:

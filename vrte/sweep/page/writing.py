@@ -50,8 +50,7 @@ def take_half_circle(table: "xarray.Dataset") -> tuple[Array, Array]:
 
 
 def pack_matrices(matrices: Array) -> dict[str, Any]:
-    """Mueller matrices (axes ..., mu_i, mu_o, phi, 4, 4) whose f_00 is above 0, packed: ``text`` base64, ``shape``
-    (element, axes ..., mu_i, mu_o, phi), f_00 = exp(``middle`` + ``step`` n)."""
+    """Mueller matrices (axes ..., mu_i, mu_o, phi, 4, 4), packed: f_00 = exp(``middle`` + ``step`` n), rest over it."""
     brightness = matrices[..., 0, 0]
     logarithm = np.log(brightness)
     low, high = float(logarithm.min()), float(logarithm.max())
@@ -92,8 +91,7 @@ def save_page(
     points: int = POINTS,
     folder: Path | None = None,
 ) -> dict[str, Array]:
-    """Writes a page with lobes of tables of BRDFs by name; its errors (points,) by exact solves between scenes and
-    directions; ``folder``: the sweeps' files. Raises SceneError, also above 60 MB, OSError."""
+    """Writes a page of tables of BRDFs by name; their errors (points,). Raises SceneError, above 60 MB too, OSError."""
     if Path(path).suffix.lower() != SUFFIX:
         raise SceneError(f"the page {path} must end in {SUFFIX}")
     check_whole("points", points, 1, 1000)
@@ -207,8 +205,7 @@ def make_mesh(mu_o: Array, azimuths: Array) -> dict[str, Any]:
 
 
 def measure_page_error(table: "xarray.Dataset", sweep: Sweep, points: int, seed: int = 0) -> Array:
-    """How far lobes (points,) between a table's scenes and directions are from exact solves, by the largest difference
-    of a Mueller element at random directions over the largest f_00. Where the page goes in steps, it is on one."""
+    """How far lobes (points,) between scenes and directions are from exact ones, over the largest f_00."""
     chance = np.random.default_rng(seed)
     drawn = {
         axis.name: sample_axis(axis.values, points, chance)
