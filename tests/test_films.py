@@ -120,17 +120,3 @@ def test_colours_shift_with_the_angle() -> None:
     normal, inclined = np.mean(share, axis=1).T
     assert normal[1] > 3 * max(normal[0], normal[2])
     assert inclined[0] > 2 * max(inclined[1:])
-
-
-@pytest.mark.parametrize(("given", "words"), [
-    ({"index": 1.5, "stack": [("silica", 0.3)]}, "a stack of thin films is that of a wavelength: give wavelength_um"),
-    ({"index": 1.5, "stack": [("silica", 0.0)], "wavelength_um": 0.5}, "thickness in stack must be above 0"),
-    ({"index": 1.5, "stack": ["silica"], "wavelength_um": 0.5}, "stack must be pairs of a material and a thickness"),
-    ({"index": 1.5, "stack": [("slica", 0.1)], "wavelength_um": 0.5}, "stack: 'slica' is neither a known name"),
-    ({"index": "fabry-perot", "stack": [(1.4, 0.1)], "wavelength_um": 0.5}, "is that of 'fabry-perot' already"),
-    ({"index": "fabry-perot"}, "index is that of a wavelength: give wavelength_um"),
-])  # fmt: skip
-def test_what_is_no_stack_is_refused(given: dict[str, Any], words: str) -> None:
-    with pytest.raises(vrte.SceneError) as caught:
-        vrte.flakes(**given)
-    assert words in str(caught.value)

@@ -145,34 +145,6 @@ def test_light_is_scattered_into_the_polynomials_of_nodes(host: float) -> None:
                     assert_close(made[m, way, own], expected, rtol=0.0, atol=1e-5 * np.abs(orders).max())
 
 
-@pytest.mark.parametrize(("make", "words"), [
-    (lambda: vrte.flakes(tilt_deg=0.0), "flakes: tilt_deg must be from 0.5 to 60 degrees, not 0.0"),
-    (lambda: vrte.flakes(tilt_deg=61.0), "flakes: tilt_deg must be from 0.5 to 60 degrees, not 61.0"),
-    (lambda: vrte.flakes("gold"), "flakes: index is that of a wavelength: give wavelength_um"),
-    (lambda: vrte.flakes(1.5, host_index="water"), "flakes: host_index is that of a wavelength: give wavelength_um"),
-    (lambda: vrte.flakes(tilt_deg=3.0, tilts=([0.0, 9.0], [1.0, 0.0])), "give either tilt_deg or tilts"),
-    (lambda: vrte.flakes(tilts=([0.0, 99.0], [1.0, 0.0])), "tilts must have angles that ascend from 0 to 90"),
-    (lambda: vrte.flakes(tilts=([0.0, 9.0], [1.0, -0.1])), "tilts must have densities >= 0"),
-    (lambda: vrte.flakes(tilts=[1.0, 2.0, 3.0]), "tilts must be a pair"),
-    (lambda: vrte.Layer.of(METAL, flake_area=-1.0), "layer: flake_area must be an area >= 0"),
-    (lambda: vrte.Layer.of(METAL, 2.0), "layer: thickness is that of particles, or beside them"),
-    (lambda: vrte.Layer.of(METAL), "flake_area of flakes alone is needed, or volume_fraction"),
-    (lambda: vrte.Layer.of(METAL, flake_area=1.0, volume_fraction=0.1), "flake_area of flakes alone is needed, or"),
-    (lambda: vrte.Layer.of(METAL, volume_fraction=0.1, thickness_um=9.0), "flake_area of flakes alone is needed"),
-    (lambda: vrte.Layer.of(METAL, flake_area=1.0, thickness_um=9.0), "thickness_um is not used: the host is clear"),
-    (lambda: vrte.Layer.of(TINTED, flake_area=1.0), "thickness_um is needed beside flake_area: the host absorbs"),
-    (lambda: vrte.Layer.of(POWDER, 1.0, flake_area=1.0), "layer: give both of flakes and flake_area, or none"),
-    (lambda: vrte.Layer.of(POWDER, 1.0, flakes=METAL, flake_area=1.0), "must be that of the medium of its flakes, 1.5"),
-    (lambda: vrte.Layer(vrte.isotropic(), 0.5, 1.0, flake_area=1.0), "is that of flakes, and the layer has none"),
-    (lambda: vrte.Layer(vrte.isotropic(), 0.5, 1.0, None, METAL, np.inf), "thickness must be 0 in a semi-infinite"),
-    (lambda: vrte.Layer(vrte.isotropic(), 0.5, 1.0, 1.0, METAL, 1.0), "must be that of the medium of its flakes, 1.5"),
-])  # fmt: skip
-def test_what_is_not_allowed_is_refused(make: Any, words: str) -> None:
-    with pytest.raises(vrte.SceneError) as caught:
-        make()
-    assert words in str(caught.value)
-
-
 def test_layers_are_made_in_the_words_of_paint() -> None:
     layer = vrte.Layer.of(METAL, volume_fraction=0.1, flake_thickness_um=0.3, thickness_um=15.0)
     assert layer.flake_area == layer.extent == 0.1 / 0.3 * 15.0

@@ -241,32 +241,6 @@ def test_photons_that_go_on_for_ever_are_given_up_and_reported(monkeypatch: pyte
     assert_close(found.balance, 1.0, rtol=1e-12, atol=0.0)
 
 
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        ({"mu_i": 0.0}, "mu_i"),
-        ({"photons": 0}, "photons must be a whole number from 1"),
-        ({"seed": -1}, "seed must be a whole number from 0"),
-        ({"mu_edges": [0.0, 1.1]}, "mu_edges must be 2 to 1001 ascending numbers from 0 to 1"),
-        ({"mu_edges": [0.5, 0.5]}, "mu_edges must be 2 to 1001 ascending numbers from 0 to 1"),
-        ({"phi_edges": [0.0, 360.0]}, "phi_edges must be 2 to 1001 ascending numbers from 0 to 180"),
-        ({"tau": 2.0}, "tau must lie between 0 and the total"),
-        ({"illuminate": "side"}, "illuminate must be 'top', 'bottom', not 'side'"),
-        ({"side": "left"}, "side must be 'above', 'below', not 'left'"),
-        ({"illuminate": "bottom", "scene": vrte.Scene([vrte.Layer(RAYLEIGH, 1.0, 1.0)], vrte.Lambertian(0.5))},
-         "illuminate='bottom' needs a scene without a base"),
-        ({"mu_edges": np.linspace(0, 1, 1001), "phi_edges": np.linspace(0, 180, 1001)},
-         "mu_edges and phi_edges must be fewer"),
-    ],
-)  # fmt: skip
-def test_bad_input_is_refused_in_a_sentence(given: dict[str, Any], words: str) -> None:
-    usual = {"scene": vrte.Scene([vrte.Layer(RAYLEIGH, 1.0, 1.0)]), "mu_i": 0.5, "photons": 100}
-    with pytest.raises(vrte.SceneError) as error:
-        vrte.photons(**{**usual, **given})
-    assert words in str(error.value)
-    assert "\n" not in str(error.value)
-
-
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
     """Fewer photons verify."""
     monkeypatch.setattr(photon_check, "PHOTONS", 60_000)
@@ -371,24 +345,6 @@ def test_light_along_single_directions_by_any_threads_and_seed(monkeypatch: pyte
     assert found(1, seed=6).mueller.tobytes() != first.mueller.tobytes()
     fewer, more = (found(1, photons=each).diagnostics["achieved"] for each in (3000, 48_000))
     assert 2.5 < fewer / more < 6.0  # one over the root of 16
-
-
-@pytest.mark.parametrize(
-    ("layers", "how", "words"),
-    [
-        ([GLASS, vrte.Layer(RAYLEIGH, 0.9, 1.0)], {}, "takes no refracting or mirroring surface"),
-        ([vrte.Layer(RAYLEIGH, 0.9, 1.0)], {"base": vrte.RPV(0.2, 0.8, -0.1)}, "takes no base but a Lambertian one"),
-        ([vrte.Layer(RAYLEIGH, 0.9, 1.0)], {"nodes": 8}, "takes no nodes: it goes by its settings photons, seed"),
-        ([vrte.Layer(RAYLEIGH, 0.9, 1.0)], {"settings": {"photons": 0}}, "photons"),
-        ([vrte.Layer(RAYLEIGH, 0.9, 1.0)], {"verify": "photons"}, "takes no verify: it would compare photons"),
-        ([vrte.Layer(RAYLEIGH, 1.0, 500.0)], {"settings": {"photons": 10**9}, "time_limit_s": 60.0},
-         "most of it for method 'monte-carlo'; fewer photons take less"),
-    ],
-)  # fmt: skip
-def test_what_monte_carlo_does_not_take(layers: list[Any], how: dict[str, Any], words: str) -> None:
-    base = how.pop("base", None)
-    with pytest.raises(vrte.SceneError, match=words):
-        vrte.brdf(vrte.Scene(layers, base), 0.5, 0.5, method="monte-carlo", **how)
 
 
 def test_photons_tell_of_light_that_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -393,6 +393,77 @@ HOW: list[Row] = [
     (partial(parse_toml, "nodes = " + "9" * 5000), "4000 digits"),
 ]
 
+METAL_FLAKES = vrte.flakes(1.2 + 7.0j, tilt_deg=15.0, host_index=1.5)
+TINTED_FLAKES = vrte.flakes(1.2 + 7.0j, wavelength_um=0.5, host_index=1.5 + 1e-4j)
+POWDER = vrte.spheres(1.5, radius_um=0.05, wavelength_um=0.5)
+flakes, fill_flakes, beside = vrte.flakes, partial(fill, METAL_FLAKES), partial(layer, vrte.isotropic(), 0.5, 1.0)
+AREA = "flake_area of flakes alone is needed"
+
+FLAKES: list[Row] = [
+    (partial(flakes, tilt_deg=0.0), "flakes: tilt_deg must be from 0.5 to 60 degrees, not 0.0"),
+    (partial(flakes, tilt_deg=61.0), "flakes: tilt_deg must be from 0.5 to 60 degrees, not 61.0"),
+    (partial(flakes, "gold"), "flakes: index is that of a wavelength: give wavelength_um"),
+    (partial(flakes, 1.5, host_index="water"), "flakes: host_index is that of a wavelength: give wavelength_um"),
+    (partial(flakes, tilt_deg=3.0, tilts=([0.0, 9.0], [1.0, 0.0])), "give either tilt_deg or tilts"),
+    (partial(flakes, tilts=([0.0, 99.0], [1.0, 0.0])), "tilts must have angles that ascend from 0 to 90"),
+    (partial(flakes, tilts=([0.0, 9.0], [1.0, -0.1])), "tilts must have densities >= 0"),
+    (partial(flakes, tilts=[1.0, 2.0, 3.0]), "tilts must be a pair"),
+    (
+        partial(flakes, 1.5, stack=[("silica", 0.3)]),
+        "a stack of thin films is that of a wavelength: give wavelength_um",
+    ),
+    (partial(flakes, 1.5, stack=[("silica", 0.0)], wavelength_um=0.5), "thickness in stack must be above 0"),
+    (partial(flakes, 1.5, stack=["silica"], wavelength_um=0.5), "stack must be pairs of a material and a thickness"),
+    (partial(flakes, 1.5, stack=[("slica", 0.1)], wavelength_um=0.5), "stack: 'slica' is neither a known name"),
+    (partial(flakes, "fabry-perot", stack=[(1.4, 0.1)], wavelength_um=0.5), "is that of 'fabry-perot' already"),
+    (partial(flakes, "fabry-perot"), "index is that of a wavelength: give wavelength_um"),
+    (partial(fill_flakes, flake_area=-1.0), "layer: flake_area must be an area >= 0"),
+    (partial(fill_flakes, 2.0), "layer: thickness is that of particles, or beside them"),
+    (fill_flakes, f"{AREA}, or volume_fraction"),
+    (partial(fill_flakes, flake_area=1.0, volume_fraction=0.1), f"{AREA}, or"),
+    (partial(fill_flakes, volume_fraction=0.1, thickness_um=9.0), AREA),
+    (partial(fill_flakes, flake_area=1.0, thickness_um=9.0), "thickness_um is not used: the host is clear"),
+    (partial(fill, TINTED_FLAKES, flake_area=1.0), "thickness_um is needed beside flake_area: the host absorbs"),
+    (partial(fill, POWDER, 1.0, flake_area=1.0), "layer: give both of flakes and flake_area, or none"),
+    (partial(fill, POWDER, 1.0, flakes=METAL_FLAKES, flake_area=1.0), "must be that of the medium of its flakes, 1.5"),
+    (partial(beside, flake_area=1.0), "is that of flakes, and the layer has none"),
+    (partial(beside, None, METAL_FLAKES, np.inf), "thickness must be 0 in a semi-infinite"),
+    (partial(beside, 1.0, METAL_FLAKES, 1.0), "must be that of the medium of its flakes, 1.5"),
+]
+
+photons, carlo = partial(vrte.photons, photons=100), partial(vrte.brdf, mu_i=0.5, mu_o=0.5, method="monte-carlo")
+EDGES, GREY_LAYER = " must be 2 to 1001 ascending numbers from 0 to ", layer(RAYLEIGH, 0.9, 1.0)
+BEAM = partial(photons, SCENE, 0.5)
+
+PHOTONS: list[Row] = [
+    (partial(photons, SCENE, 0.0), "mu_i"),
+    (partial(BEAM, photons=0), "photons must be a whole number from 1"),
+    (partial(BEAM, seed=-1), "seed must be a whole number from 0"),
+    (partial(BEAM, mu_edges=[0.0, 1.1]), f"mu_edges{EDGES}1"),
+    (partial(BEAM, mu_edges=[0.5, 0.5]), f"mu_edges{EDGES}1"),
+    (partial(BEAM, phi_edges=[0.0, 360.0]), f"phi_edges{EDGES}180"),
+    (partial(BEAM, tau=2.0), "tau must lie between 0 and the total"),
+    (partial(BEAM, illuminate="side"), "illuminate must be 'top', 'bottom', not 'side'"),
+    (partial(BEAM, side="left"), "side must be 'above', 'below', not 'left'"),
+    (partial(photons, vrte.Scene([ONE], WHITE), 0.5, illuminate="bottom"), "'bottom' needs a scene without a base"),
+    (
+        partial(BEAM, mu_edges=np.linspace(0, 1, 1001), phi_edges=np.linspace(0, 180, 1001)),
+        "mu_edges and phi_edges must be fewer",
+    ),
+    (partial(carlo, vrte.Scene([SMOOTH, GREY_LAYER])), "takes no refracting or mirroring surface"),
+    (
+        partial(carlo, vrte.Scene([GREY_LAYER], vrte.RPV(0.2, 0.8, -0.1))),
+        "takes no base but a Lambertian one",
+    ),
+    (partial(carlo, SCENE, nodes=8), "takes no nodes: it goes by its settings photons, seed"),
+    (partial(carlo, SCENE, settings={"photons": 0}), "photons"),
+    (partial(carlo, SCENE, verify="photons"), "takes no verify: it would compare photons"),
+    (
+        partial(carlo, vrte.Scene([layer(RAYLEIGH, 1.0, 500.0)]), settings={"photons": 10**9}, time_limit_s=60.0),
+        "most of it for method 'monte-carlo'; fewer photons take less",
+    ),
+]
+
 TWO, BROAD, VISIBLE = [0.5, 0.6], np.linspace(0.39, 0.73, 35), np.linspace(0.43, 0.66, 7)
 FILM: dict[str, Any] = {"phase": "isotropic", "albedo": 0.9, "thickness": 2.0}
 CLEAR: dict[str, Any] = {"phase": "isotropic", "albedo": 0.0, "thickness": 0.1}
@@ -549,7 +620,9 @@ FITS: list[Row] = [
 
 
 @pytest.mark.parametrize(
-    "row", [*OPTICS, *TABLES, *PARTICLES, *SCENES, *HOW, *APPEARANCE, *FITS], ids=lambda row: row[1][:50]
+    "row",
+    [*OPTICS, *TABLES, *PARTICLES, *SCENES, *HOW, *FLAKES, *PHOTONS, *APPEARANCE, *FITS],
+    ids=lambda row: row[1][:50],
 )
 def test_it_is_refused_in_one_sentence(row: Row) -> None:
     call, words, *place = row

@@ -135,9 +135,11 @@ def map_to_square(density: Array, u: Array, azimuth: Array) -> tuple[Array, Arra
     """Points (n,), (n,) of the square, across and along, of u and azimuth (n,)."""
     rows = integrate(density, np.ones(1))[:, 0]
     along = integrate(rows, azimuth) / integrate(rows, np.ones(1))
-    nth = np.arange(u.size)
-    integrals = interpolate_rows(integrate(density, np.append(u, 1.0)), azimuth)
-    return integrals[nth, nth] / integrals[:, -1], along
+    last, integrals = len(rows) - 1, integrate(density, np.append(u, 1.0))
+    cell = np.minimum((azimuth * last).astype(int), last - 1)
+    part = azimuth * last - cell  # of each point's own column alone
+    own, whole = ((1.0 - part) * integrals[cell, k] + part * integrals[cell + 1, k] for k in (np.arange(u.size), -1))
+    return own / whole, along
 
 
 def interpolate_rows(values: Array, at: Array) -> Array:
