@@ -47,12 +47,6 @@ cdef inline cplx half_tangent(cplx k, double thickness) noexcept nogil:
     return over(-e, times(k, e + 2.0))
 
 
-cdef Job boundary_job(Arrays* t) noexcept nogil:
-    cdef size_t n = t.n, n_layer = t.n_layer, r = t.n_rhs
-    return Job(t.n_order, 5 * n_layer * n * (n + r) + stack_doubles(n, r) + 3 * n * n + 7 * n * r
-               + (10 + 2 * n_layer) * n, (2 * n_layer + 1) * n)
-
-
 cdef struct Slab:
     # one layer of an order; T is a diagonal (n,) where it does not scatter
     Modes modes
@@ -68,29 +62,25 @@ cdef struct Slab:
     ints pivots
 
 
-cdef Slab slab_at(const Arrays* t, int item, int layer, Workspace desk) noexcept nogil:
-    cdef size_t n = t.n, nn = n * n, nr = n * t.n_rhs, at = <size_t>item * t.n_layer + layer
-    cdef doubles systems = desk.work + 5 * layer * nn, vectors = desk.work + 5 * (t.n_layer * nn + layer * nr)
-    cdef int here = first_layer(t.slab_stack, t.n_layer, item) + layer
+cdef Slab slab_at(const Arrays* t, int layer) noexcept nogil:
+    cdef size_t n = t.n, nn = n * n, nr = n * t.n_rhs
+    cdef doubles systems = t.systems + 5 * layer * nn, vectors = t.vectors + 5 * layer * nr
+    cdef int here = first_layer(t.slab_stack, t.n_layer, 0) + layer
     return Slab(
-        modes_at(t.n, at, t.lam_re, t.lam_im, t.X, t.Y, t.thickness[here], t.decaying[at]), t.n_rhs,
-        t.n_rhs // t.n_in, t.c + at * nr, t.zeta + at * nr, t.mu0, t.above[here], systems, systems + nn,
+        modes_at(t.n, layer, t.lam_re, t.lam_im, t.X, t.Y, t.thickness[here], t.decaying[layer]), t.n_rhs,
+        t.n_rhs // t.n_in, t.c + layer * nr, t.zeta + layer * nr, t.mu0, t.above[here], systems, systems + nn,
         systems + 2 * nn, systems + 3 * nn, systems + 4 * nn, vectors, vectors + nr, vectors + 2 * nr,
-        vectors + 3 * nr, vectors + 4 * nr, <cplx*>(desk.work + 5 * t.n_layer * (nn + nr)) + layer * n,
-        desk.pivots + 2 * layer * n)
+        vectors + 3 * nr, vectors + 4 * nr, <cplx*>t.tangents + layer * n, t.slab_pivots + 2 * layer * n)
 
 
 # (1:57)-(1:65)
-cdef int boundary_one(const void* task, int item, Workspace desk) noexcept nogil:
-    cdef const Arrays* t = <const Arrays*>task
-    cdef int n = t.n, n_layer = t.n_layer, n_rhs = t.n_rhs, layer, info, row = t.base_row[item]
-    cdef int first = first_layer(t.slab_stack, n_layer, item), last = first + n_layer - 1
-    cdef size_t nn = <size_t>n * n, nr = <size_t>n * n_rhs, i, at
-    cdef bint topped = t.top_row != NULL and t.top_row[item] >= 0, joined = n_layer > 1 or row >= 0 or topped
-    cdef doubles scratch = desk.work + 5 * n_layer * (nn + nr) + 2 * n_layer * n
-    cdef doubles up = scratch + 3 * nn + 8 * n, down = up + nr, falling = down + nr, g = falling + nr
-    cdef doubles right = g + nr, spare = right + nr, memory = spare + 2 * nr + 2 * n        # spare: 2 n n_rhs + 2 n
-    cdef Stack stack = stack_at(n, n_rhs, memory, desk.pivots + 2 * n_layer * n, False)
+cdef int boundary_one(Arrays* t, int item, Workspace desk) noexcept nogil:
+    cdef int n = t.n, n_layer = t.n_layer, n_rhs = t.n_rhs, layer, info, row = t.base_row[0]
+    cdef int first = first_layer(t.slab_stack, n_layer, 0), last = first + n_layer - 1
+    cdef size_t nn = <size_t>n * n, nr = <size_t>n * n_rhs, i
+    cdef bint topped = t.top_row != NULL and t.top_row[0] >= 0, joined = n_layer > 1 or row >= 0 or topped
+    cdef doubles scratch = t.scratch, up = t.up, down = t.down, falling = t.falling, spare = t.spare
+    cdef Stack stack = stack_at(n, n_rhs, t.memory, t.pivots, False)
     cdef Element one
     cdef Slab slab
     set_zero(nr, up)
@@ -101,11 +91,11 @@ cdef int boundary_one(const void* task, int item, Workspace desk) noexcept nogil
             up[i] = t.base_source[row * nr + i] * exp(
                 -(t.above[last] + t.thickness[last]) / t.mu0[i // (t.n_rhs // t.n_in * <size_t>n)])
     for layer in range(n_layer - 1, -1, -1):
-        slab = slab_at(t, item, layer, desk)
+        slab = slab_at(t, layer)
         slab.modes.decaying = (
             t.thickness[first + layer] > SEMI_INFINITE
             or slowest_rate(&slab.modes) * t.thickness[first + layer] > DECAYING)
-        t.decaying[<size_t>item * n_layer + layer] = slab.modes.decaying
+        t.decaying[layer] = slab.modes.decaying
         info = slab_systems(&slab, scratch, spare)
         if info == 0 and joined:
             if t.clear_layers[first + layer]:
@@ -120,35 +110,34 @@ cdef int boundary_one(const void* task, int item, Workspace desk) noexcept nogil
             return info
     set_zero(nr, down)
     if topped:
-        one = Element(n, t.block, NULL, t.top + t.top_row[item] * <size_t>n * t.block, NULL, NULL)
+        one = Element(n, t.block, NULL, t.top + t.top_row[0] * <size_t>n * t.block, NULL, NULL)
         stack.checked = True
-        info = add(&stack, &one, t.sent + item * nr if t.n_sent > 0 else NULL, up, up, up, NULL, g)
+        info = add(&stack, &one, t.sent + item * nr if t.n_sent > 0 else NULL, up, up, up, NULL, t.g)
         if info != 0:
             return info
-        share(&one, one.below, n_rhs, g, n, down, n)
+        share(&one, one.below, n_rhs, t.g, n, down, n)
         if t.n_sent > 0:
-            copy(nr, g, t.rising + item * nr)
+            copy(nr, t.g, t.rising + item * nr)
             for i in range(nr):
                 down[i] += t.sent[item * nr + i]
     for layer in range(n_layer):
-        slab = slab_at(t, item, layer, desk)
+        slab = slab_at(t, layer)
         if joined:
             one = layer_element(&slab, t.clear_layers[first + layer])
             copy(nr, slab.down, falling)
-            go_down(n, n_rhs, &one, down, slab.G if layer > 0 or topped else NULL, slab.g, up, falling, right)
+            go_down(n, n_rhs, &one, down, slab.G if layer > 0 or topped else NULL, slab.g, up, falling, t.right)
         else:
             set_zero(nr, up)
         for i in range(nr):
             down[i] -= slab.top[i]
             up[i] -= slab.rising[i]
-        at = <size_t>item * n_layer + layer
-        t.residual[at] = max(stack.missing,
-                             amplitudes(&slab, down, up, t.even + at * nr, t.odd + at * nr, scratch, spare))
+        t.residual[layer] = max(
+            stack.missing, amplitudes(&slab, down, up, t.even + layer * nr, t.odd + layer * nr, scratch, spare))
         copy(nr, falling, down)
     if joined:
-        copy(nr, down, t.base_down + item * nr)
+        copy(nr, down, t.base_down)
     else:
-        set_zero(nr, t.base_down + item * nr)
+        set_zero(nr, t.base_down)
     return 0
 
 

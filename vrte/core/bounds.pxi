@@ -36,8 +36,7 @@ cdef void add_at_depths(const Arrays* t, int scene, int m, double q) noexcept no
         t.added[item * t.n_level + k] = t.bounds[item] * least
 
 
-cdef int order_bounds_one(const void* task, int m, Workspace desk) noexcept nogil:
-    cdef const Arrays* b = <const Arrays*>task
+cdef int order_bounds_one(const Arrays* b, int m, Workspace desk) noexcept nogil:
     cdef int n_term = b.n_term, n_all = b.n_all, n_node = b.n_node, n_out = b.n_out
     cdef given directions = b.directions, albedo = b.albedo
     cdef doubles prt = desk.work
@@ -85,13 +84,8 @@ cdef int order_bounds_one(const void* task, int m, Workspace desk) noexcept nogi
     return 0
 
 
-cdef Job couplings_job(Arrays* t) noexcept nogil:
-    return Job(t.slab_stacks, 0, 0)
-
-
-cdef int couplings_one(const void* task, int scene, Workspace desk) noexcept nogil:
-    cdef const Arrays* t = <const Arrays*>task
-    cdef ints present = t.present + <size_t>scene * t.n_term
+cdef int couplings_one(Arrays* t, int scene, Workspace desk) noexcept nogil:
+    cdef ints present = t.present
     cdef given c
     cdef int layer, l, i
     for layer in range(scene * t.n_layer, (scene + 1) * t.n_layer):
@@ -105,23 +99,18 @@ cdef int couplings_one(const void* task, int scene, Workspace desk) noexcept nog
     return 0
 
 
-cdef Job orders_that_matter_job(Arrays* t) noexcept nogil:
-    return Job(t.slab_stacks, 0, 0)
-
-
-cdef int orders_that_matter_one(const void* task, int scene, Workspace desk) noexcept nogil:
-    cdef const Arrays* t = <const Arrays*>task
+cdef int orders_that_matter_one(Arrays* t, int scene, Workspace desk) noexcept nogil:
     cdef int n_order = t.n_order, k, i, m
     cdef double tail
     cdef given bounds
-    t.counts[scene] = 1
+    t.counts[0] = 1
     for k in range(t.n_level):
         for i in range(t.n_in):
             tail = 0.0
-            for m in range(n_order - 1, t.counts[scene] - 1, -1):
-                bounds = t.bounds + ((<size_t>scene * n_order + m) * t.n_level + k) * t.n_beam
+            for m in range(n_order - 1, t.counts[0] - 1, -1):
+                bounds = t.bounds + (<size_t>m * t.n_level + k) * t.n_beam
                 tail += min(bounds[i if t.n_beam > 1 else 0], t.largest)
-                if not 2.0 * tail <= t.allowed * t.brightest[(<size_t>scene * t.n_level + k) * t.n_in + i]:
-                    t.counts[scene] = m + 1
+                if not 2.0 * tail <= t.allowed * t.brightest[k * t.n_in + i]:
+                    t.counts[0] = m + 1
                     break
     return 0

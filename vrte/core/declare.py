@@ -75,8 +75,9 @@ class Declarations:
             alone = stage.get("alone", False)  # their arguments may go by place
             self.arguments[name] = found if alone else sorted(found, key=lambda each: each.name not in self.sizes)
             for each in self.arguments[name]:
-                form = self.fields.setdefault(each.name, each.form)
-                assert C_TYPES[form] == C_TYPES[each.form], f"{name}: {each.name} is {form} elsewhere"
+                self.add_field(name, each.name, each.form)
+            for form, own, _ in self.list_scratch(name):
+                self.add_field(name, own, form)
         self.kernels = {
             name: [
                 Argument(text, kind == "writes", [kernel, said["arrays"], self.sizes], name)
@@ -87,6 +88,58 @@ class Declarations:
         }
         unused = said["arrays"].keys() - self.fields.keys()
         assert not unused, f"no stage takes {', '.join(sorted(unused))}"
+
+    def add_field(self, stage: str, name: str, form: str) -> None:
+        before = self.fields.setdefault(name, form)
+        assert C_TYPES[before] == C_TYPES[form], f"{stage}: {name} is {before} elsewhere"
+
+    def list_scratch(self, stage: str) -> list[tuple[str, str, str]]:
+        """Form, name and size of each array of scratch memory, in sizes as Cython reads them."""
+        lines = [line for line in self.stages[stage].get("scratch", "").splitlines() if line]
+        found = [re.fullmatch(r"(int )?(\w+) = ([^#]*?)(?:  # .*)?", line) for line in lines]
+        assert all(found), f"{stage}: {lines}"
+        return [((each[1] or "double").strip(), each[2], self.read_sizes(each[3], "t")) for each in found if each]
+
+    def read_sizes(self, expression: str, of: str) -> str:
+        return re.sub(r"\w+", lambda m: f"<size_t>{of}.{m[0]}" if m[0] in self.sizes else m[0], expression)
+
+    def write_item(self, name: str) -> str:
+        """What a stage does with an item: arrays begin where the item has its part of them, scratch memory is its own."""
+        items, arguments = self.stages[name]["items"].split(), self.arguments[name]
+        count = " * ".join(self.read_sizes(each, "t") for each in items) or "1"
+        scratch = self.list_scratch(name)
+        doubles, ints = (
+            " + ".join(size for form, _, size in scratch if form == kind) or "0" for kind in ("double", "int")
+        )
+        index = {each: "item" + "".join(f" // t.{after}" for after in items[k + 1 :]) for k, each in enumerate(items)}
+        index = {each: f"({how}{f' % t.{each}' if k else ''})" for k, (each, how) in enumerate(index.items())}
+        if "n_layer" in items:
+            stacked = any(each.name == "slab_stack" for each in arguments)
+            index["n_layers"] = "layer_of(t.slab_stack, t.n_layer, item)" if stacked else index["n_layer"]
+        lines = []
+        for each in arguments:
+            if each.form not in ("double", "int", "complex") or not each.dims or each.dims[0] not in index:
+                continue
+            place, dims = "0", list(each.dims)
+            while dims and dims[0] in index:
+                place = (
+                    f"({place} * {self.read_sizes(dims[0], 't')} + {index[dims[0]]})"
+                    if place != "0"
+                    else index[dims[0]]
+                )
+                dims.pop(0)
+            dims += ["2"] * (each.form == "complex")
+            step = " * ".join([f"<size_t>{place}", *(self.read_sizes(size, "t") for size in dims)])
+            known = f" if t.{each.name} != NULL else NULL" if each.mark else ""
+            lines.append(f"own.{each.name} = t.{each.name} + {step}{known}")
+        for kind, memory in (("double", "desk.work"), ("int", "desk.pivots")):
+            for form, own, size in scratch:
+                if form == kind:
+                    lines.append(f"own.{own} = {memory}")
+                    memory = f"own.{own} + {size}"
+        body = "\n    ".join(["cdef Arrays own = t[0]", *lines, f"return {name}_one(&own, item, desk)"])
+        head = f"cdef Job {name}_job(Arrays* t) noexcept nogil:\n    return Job({count}, {doubles}, {ints})\n"
+        return f"{head}cdef int {name}_item(const Arrays* t, int item, Workspace desk) noexcept nogil:\n    {body}\n"
 
     def list_fields(self) -> list[str]:
         """Fields of the struct, sizes first."""
@@ -164,11 +217,13 @@ class Declarations:
     def write_stages(self) -> str:
         """Each stage as an object of the module, and what each OpenCL kernel takes."""
         stages = "".join(
-            f"{name} = make_stage({index}, {name}_one, {name}_job, {not stage.get('alone', False)})\n"
+            f"{name} = make_stage({index}, {name}_{'item' if 'items' in stage else 'one'}, {name}_job, "
+            f"{not stage.get('alone', False)})\n"
             for index, (name, stage) in enumerate(self.stages.items())
         )
         taken = {name: [(a.name, a.form, a.dims, a.writes) for a in found] for name, found in self.kernels.items()}
-        return f"{stages}KERNELS = {json.dumps(taken)!r}\n"
+        items = "".join(self.write_item(name) for name, stage in self.stages.items() if "items" in stage)
+        return f"{items}{stages}KERNELS = {json.dumps(taken)!r}\n"
 
     def write_stub(self) -> str:
         """_core.pyi, a line a stage."""

@@ -7,18 +7,13 @@ cdef double THIN = 0.5      # h^2 a below which f[a, b] is summed as a series
 cdef double CLOSE = 0.1     # points closer than this fraction of the larger one
 
 
-cdef Job divided_differences_job(Arrays* t) noexcept nogil:
-    return Job(t.n_order, 2 * <size_t>(t.n_row + t.n_column) + 3 * FLAT, 0)
-
-
-cdef int divided_differences_one(const void* task, int item, Workspace desk) noexcept nogil:
-    cdef const Arrays* t = <const Arrays*>task
+cdef int divided_differences_one(Arrays* t, int item, Workspace desk) noexcept nogil:
     cdef int i, j, rows = t.n_row, columns = t.n_column
-    cdef given a = t.row_points + <size_t>item * rows, b = t.column_points + <size_t>item * columns
-    cdef size_t at = <size_t>item * rows * columns
+    cdef given a = t.row_points, b = t.column_points
+    cdef size_t at = 0
     cdef double h = t.half, p, q, tp, tq, x, y, value, larger, low
-    cdef doubles row_tanh = desk.work, row_root = row_tanh + rows, tanhs = row_root + rows, roots = tanhs + columns
-    cdef doubles series = roots + columns
+    cdef doubles row_tanh = t.row_tanh, row_root = t.row_root, tanhs = t.tanhs, roots = t.roots
+    cdef doubles series = t.series_of_tanh
     cdef bint ends = h < SEMI_INFINITE
     for i in range(rows):
         row_root[i] = sqrt(a[i])
@@ -87,33 +82,21 @@ cdef double series_difference(given series, double x, double y) noexcept nogil:
     return total
 
 
-cdef Job pull_scattering_job(Arrays* t) noexcept nogil:
-    cdef size_t most = t.n + max(t.n_in_rows, t.n_out_rows)
-    return Job(t.n_order, 3 * <size_t>t.n_all * t.n_term + t.n_node + 6 * most * t.n_term, 0)
-
-
-cdef int pull_scattering_one(const void* task, int item, Workspace desk) noexcept nogil:
+cdef int pull_scattering_one(Arrays* t, int item, Workspace desk) noexcept nogil:
     """E and F, on nodes and directions off them, are rates less phi B phi^T, by (1:41)."""
-    cdef const Arrays* t = <const Arrays*>task
-    cdef int m = t.orders[item], terms = t.n_term, n = t.n, i, kind, columns, n_all = t.n_all, n_node = t.n_node
+    cdef int m = t.orders[0], terms = t.n_term, n = t.n, i, kind, columns, n_all = t.n_all, n_node = t.n_node
     cdef int rows = n + t.n_out_rows, others = n + t.n_in_rows, l
-    cdef size_t most = n + max(t.n_in_rows, t.n_out_rows)
     cdef Expansion x = Expansion(parity_of(m, t.stokes, t.members), m, terms, 1.0, NULL)
-    cdef doubles prt = desk.work, scale = prt + <size_t>3 * n_all * terms, left = scale + n_node
-    cdef doubles right = left + 2 * most * terms, spare = right + 2 * most * terms
-    cdef doubles gradient = t.gradient + <size_t>6 * item * terms
-    cdef given weights
+    cdef doubles prt = t.prt, scale = t.scale, left = t.left, right = t.right, spare = t.spare
     if m >= terms:
         return 0
     spherical(m, terms, is_polar(x.p), t.directions, n_all, prt)
-    for i in range(n_node):
-        scale[i] = sqrt(t.weights[i] / t.directions[i])
+    scale_nodes(t, scale)
     for l in range(terms if m == 0 and x.p.place[0] >= 0 else 0):
         for i in range(n_all):              # `find_even_shifts` of orders/phase_assembly.py
             prt[<size_t>3 * l * n_all + i] = t.shifts[2 * l] * prt[<size_t>3 * l * n_all + i] - t.shifts[2 * l + 1]
     for kind in range(2):
         columns = columns_of(&x, kind)
-        weights = (t.pulled_F if kind else t.pulled_E) + <size_t>item * rows * others
         put_columns(&x, kind, prt, n_all, 0, n_node, scale, rows, 0, spare, left)
         put_columns(&x, kind, prt, n_all, 0, n_node, scale, others, 0, spare, right)
         put_columns(&x, kind, prt, n_all, n_node, t.n_out, NULL, rows, n, spare, left)
@@ -121,7 +104,8 @@ cdef int pull_scattering_one(const void* task, int item, Workspace desk) noexcep
         for l in range(columns):
             for i in range(t.n_out_rows):
                 left[<size_t>l * rows + n + i] /= t.directions[n_node + i // t.stokes]
-        pull_coefficients(&x, kind, -1.0, 1.0, rows, left, weights, others, right, spare, gradient)
+        pull_coefficients(&x, kind, -1.0, 1.0, rows, left, t.pulled_F if kind else t.pulled_E, others, right, spare,
+                          t.gradient)
     return 0
 
 

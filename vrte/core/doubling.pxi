@@ -2,10 +2,6 @@ cdef inline Sizes sizes_of(const Arrays* t) noexcept nogil:
     return Sizes(t.n, t.n_rhs, t.n_out_rows, t.stokes)
 
 
-cdef Job double_slabs_job(Arrays* t) noexcept nogil:
-    return Job(<size_t>t.n_order * t.n_slab, 8 * size_extended(sizes_of(t)) + 4 * t.n, t.n)
-
-
 cdef struct Work:
     # one slab of one order at work: E and F with their directions off the nodes, Ze, Zo and C = 1 - Zo Ze, R and T
     Sizes s
@@ -19,27 +15,26 @@ cdef struct Work:
     Workspace desk
 
 
-cdef int double_slabs_one(const void* task, int item, Workspace desk) noexcept nogil:
-    cdef const Arrays* d = <const Arrays*>task
-    cdef int order = item // d.n_slab, k = item % d.n_slab, material = d.material[k], stokes = d.stokes, info
+cdef int double_slabs_one(Arrays* d, int item, Workspace desk) noexcept nogil:
+    cdef int material = d.material[0], stokes = d.stokes, info
     cdef Sizes s = sizes_of(d)
-    cdef size_t each = size_extended(s), at = <size_t>order * d.n_layer + material, n = s.n, into = stokes * d.n_in
-    cdef doubles memory = desk.work, lost = d.lost + item * n, residual = d.residual + 2 * <size_t>item
+    cdef size_t each = size_extended(s), at = material, n = s.n, into = stokes * d.n_in
+    cdef doubles memory = d.room, lost = d.lost, residual = d.residual
     cdef Work w = Work(
-        s, Nodes(s.n, stokes, d.nodes, d.weights), d.orders[order] if d.conserving else max(d.orders[order], 1), d.n_in,
-        d.n_col, d.oriented != NULL and d.oriented[material] != 0, is_lossy(d, material), d.thickness[k],
+        s, Nodes(s.n, stokes, d.nodes, d.weights), d.orders[0] if d.conserving else max(d.orders[0], 1), d.n_in,
+        d.n_col, d.oriented != NULL and d.oriented[material] != 0, is_lossy(d, material), d.thickness[0],
         d.albedo[material], d.asymmetry[material], 0.0, d.columns,
         slants(d.slant_in, material, d.n_in, d.mu0), slants(d.slant_out, material, d.n_out, d.mu_out),
         slants(d.slant_nodes, material, d.n_node, d.nodes),
         extended_at(s, memory), extended_at(s, memory + each), extended_at(s, memory + 2 * each),
         extended_at(s, memory + 3 * each), extended_at(s, memory + 4 * each), extended_at(s, memory + 5 * each),
-        extended_at(s, memory + 6 * each), extended_at(s, memory + 7 * each), extended_at(s, d.R + item * each),
-        extended_at(s, d.T + item * each), memory + 8 * each, desk)
+        extended_at(s, memory + 6 * each), extended_at(s, memory + 7 * each), extended_at(s, d.R), extended_at(s, d.T), d.v,
+        Workspace(NULL, d.pivots, desk.stop))
     set_zero(each, w.r.N)
     set_zero(each, w.t.N)
     set_zero(n, lost)
     residual[0] = residual[1] = 0.0
-    d.doublings[item] = 0
+    d.doublings[0] = 0
     put_rates(&w, w.e)
     if w.albedo == 0.0 and d.clear:
         clear_slab(&w, lost)
@@ -52,9 +47,9 @@ cdef int double_slabs_one(const void* task, int item, Workspace desk) noexcept n
     product_extended(s, 1.0, w.f, w.e, w.a)
     w.steepest = max(w.steepest, sqrt(norm_1(s.n, w.a.N)))
     if w.thickness < SEMI_INFINITE:
-        info = double_plainly(&w, d.converged, d.doublings + item)
+        info = double_plainly(&w, d.converged, d.doublings)
     else:
-        info = double_semi_infinite(&w, d.doublings + item)
+        info = double_semi_infinite(&w, d.doublings)
     if info != 0 or desk.stop[0]:
         return info
     info = reflect_and_transmit(&w, lost)

@@ -7,21 +7,10 @@ cdef enum:
 cdef double WIDEST = 0.5    # radians: a piece of azimuth where facets reflect totally, or nearly: at 1 they miss 1e-6
 
 
-cdef struct Samples:
-    # some azimuths of a pair: weight times f (azimuth, 8) of the blocks with cos and of those with sin; cos and sin of
-    # the azimuth, and of its multiples (order, azimuth); what they add up to (order, 8)
-    int count
-    doubles even, odd, turn, multiples, sums
-
-
 cdef struct Pair:
     # across, vertical: squares of the horizontal part of k_i - n k_o at azimuth 0, and of the vertical one; apart: what
     # the former gains with sin^2 of half the azimuth; between: sin(theta_i - theta_o); common: what no azimuth changes
     double mu_i, mu_o, sine_i, sine_o, across, vertical, apart, between, common
-
-
-cdef Job facet_orders_job(Arrays* t) noexcept nogil:
-    return Job(t.n_pair if t.n_order > 0 else 0, AZIMUTHS * 20 + <size_t>t.n_order * (2 * AZIMUTHS + 16), 0)
 
 
 cdef inline double steep_of(const Arrays* f) noexcept nogil:
@@ -43,18 +32,16 @@ cdef double shade(const Arrays* f, double mu, double sine) noexcept nogil:
     return 1.0 / (1.0 + hidden)
 
 
-cdef int facet_orders_one(const void* task, int item, Workspace desk) noexcept nogil:
+cdef int facet_orders_one(Arrays* f, int item, Workspace desk) noexcept nogil:
     """The integral over azimuth in pieces of Gauss's rule: as wide as the facets' lobe where it is, then ever wider, no
     wider than the highest order allows, cut where facets turn away or begin to reflect totally."""
-    cdef const Arrays* f = <const Arrays*>task
     cdef Pair p
-    cdef double n = f.index, mu_i = f.mu_i[item], mu_o = f.mu_o[item], sum_of_sines, width, last, next
+    cdef double n = f.index, mu_i = f.mu_i[0], mu_o = f.mu_o[0], sum_of_sines, width, last, next
     cdef double edge = 0.0, before = 0.0
     cdef double lobe, seen, lit, longest = <double>f.n_point / max(1, f.n_order - 1), critical = -1.0, cosine, unit
-    cdef int piece
-    cdef doubles out = f.out + <size_t>item * f.n_order * 16
-    cdef Samples t = begin_orders(f, desk)
-    set_zero(<size_t>f.n_order * 16, out)
+    cdef int piece, count = 0
+    set_zero(<size_t>f.n_order * 16, f.sums)
+    set_zero(<size_t>f.n_order * 16, f.out)
     p.mu_i, p.mu_o = mu_i, mu_o
     p.sine_i, p.sine_o = sqrt((1.0 - mu_i) * (1.0 + mu_i)), sqrt((1.0 - mu_o) * (1.0 + mu_o))
     sum_of_sines = p.sine_i * mu_o + mu_i * p.sine_o
@@ -105,50 +92,37 @@ cdef int facet_orders_one(const void* task, int item, Workspace desk) noexcept n
         next = min(next, last)
         if edge < critical and critical < next + 0.5 * (next - edge):      # no end of a piece near the root
             next = critical
-        facet_piece(f, &p, edge, next, 1 if next == critical else -1 if edge == critical else 0, longest, &t)
+        facet_piece(f, &p, edge, next, 1 if next == critical else -1 if edge == critical else 0, longest, &count)
         before, edge = edge, next
-    finish_orders(f, &t, out)
+    finish_orders(f, &count)
     return 0
 
 
-cdef Samples begin_orders(const Arrays* f, Workspace desk) noexcept nogil:
-    """No azimuth so far, sums of zero."""
-    cdef Samples t
-    t.count = 0
-    t.even = desk.work
-    t.odd = t.even + 8 * AZIMUTHS
-    t.turn = t.odd + 8 * AZIMUTHS
-    t.multiples = t.turn + 4 * AZIMUTHS
-    t.sums = t.multiples + <size_t>2 * f.n_order * AZIMUTHS
-    set_zero(<size_t>f.n_order * 16, t.sums)
-    return t
-
-
-cdef void add_azimuth(const Arrays* f, double sh, double ch, const double (*z)[4], Samples* t) noexcept nogil:
-    """Adds z at an azimuth whose half has the sine sh and the cosine ch."""
-    cdef doubles even = t.even + 8 * t.count
-    cdef doubles odd = t.odd + 8 * t.count
+cdef void add_azimuth(const Arrays* f, double sh, double ch, const double (*z)[4], int* count) noexcept nogil:
+    """Adds z, weighed, at an azimuth whose half has the sine sh and the cosine ch, to samples (azimuth, 8) of the blocks
+    with cos and of those with sin; when there are as many as there is room for, they are added up, of which `count`
+    tells."""
+    cdef doubles even = f.even_samples + 8 * count[0], odd = f.odd_samples + 8 * count[0]
     cdef int r
     for r in range(2):
         even[2 * r], even[2 * r + 1] = z[r][0], z[r][1]
         even[4 + 2 * r], even[5 + 2 * r] = z[2 + r][2], z[2 + r][3]
         odd[2 * r], odd[2 * r + 1] = -z[r][2], -z[r][3]
         odd[4 + 2 * r], odd[5 + 2 * r] = z[2 + r][0], z[2 + r][1]
-    t.turn[t.count], t.turn[AZIMUTHS + t.count] = 1.0 - 2.0 * sh * sh, 2.0 * sh * ch
-    t.count += 1
-    if t.count == AZIMUTHS:
-        add_samples(f, t)
+    f.turn[count[0]], f.turn[AZIMUTHS + count[0]] = 1.0 - 2.0 * sh * sh, 2.0 * sh * ch
+    count[0] += 1
+    if count[0] == AZIMUTHS:
+        add_samples(f, count)
 
 
-cdef void finish_orders(const Arrays* f, Samples* t, doubles out) noexcept nogil:
+cdef void finish_orders(const Arrays* f, int* count) noexcept nogil:
     """R^m (order, 16) of all azimuths that were added."""
     cdef int m, k
-    cdef doubles low
-    cdef doubles high
-    add_samples(f, t)
+    cdef doubles low, high, out = f.out
+    add_samples(f, count)
     for m in range(f.n_order):
         for k in range(4):      # rows I, Q: even, even, odd, odd; rows U, V the other way round
-            low, high = t.sums + 8 * m + 2 * k, t.sums + 8 * (f.n_order + m) + 2 * k
+            low, high = f.sums + 8 * m + 2 * k, f.sums + 8 * (f.n_order + m) + 2 * k
             if k > 1:
                 low, high = high, low
             out[0], out[1], out[2], out[3] = low[0], low[1], high[0], high[1]
@@ -156,7 +130,7 @@ cdef void finish_orders(const Arrays* f, Samples* t, doubles out) noexcept nogil
 
 
 cdef void facet_piece(const Arrays* f, const Pair* p, double start, double end, int root_at, double longest,
-                      Samples* t) noexcept nogil:
+                      int* count) noexcept nogil:
     """Adds a piece of azimuth; at its end (root_at 1) or start (-1) may be a square root, which t^2 makes smooth."""
     cdef int pieces = 1 + <int>((end - start) / longest), k, j
     cdef double size = (end - start) / pieces, x, half, sh, ch, weight
@@ -173,17 +147,15 @@ cdef void facet_piece(const Arrays* f, const Pair* p, double start, double end, 
             half = 0.5 * (start + (k + x) * size)
             sh, ch = sin(half), cos(half)
             facet_mueller(f, p, sh, ch, weight, z)
-            add_azimuth(f, sh, ch, z, t)
+            add_azimuth(f, sh, ch, z, count)
 
 
-cdef void add_samples(const Arrays* f, Samples* t) noexcept nogil:
+cdef void add_samples(const Arrays* f, int* count) noexcept nogil:
     """sums += f cos(m phi), f sin(m phi), and begins anew."""
-    cdef int m, k, n = t.count
-    cdef given c = t.turn
-    cdef given s = t.turn + AZIMUTHS
-    cdef doubles cosine = t.multiples
-    cdef doubles sine = t.multiples + <size_t>f.n_order * AZIMUTHS
-    t.count = 0
+    cdef int m, k, n = count[0]
+    cdef given c = f.turn, s = f.turn + AZIMUTHS
+    cdef doubles cosine = f.multiples, sine = f.multiples + <size_t>f.n_order * AZIMUTHS
+    count[0] = 0
     if n == 0:
         return
     for k in range(n):
@@ -194,9 +166,8 @@ cdef void add_samples(const Arrays* f, Samples* t) noexcept nogil:
             sine[AZIMUTHS + k] = sine[k] * c[k] + cosine[k] * s[k]
         cosine += AZIMUTHS
         sine += AZIMUTHS
-    cosine, sine = t.multiples, t.multiples + <size_t>f.n_order * AZIMUTHS
-    multiply_apart(n, f.n_order, t.even, cosine, t.sums)
-    multiply_apart(n, f.n_order, t.odd, sine, t.sums + 8 * f.n_order)
+    multiply_apart(n, f.n_order, f.even_samples, f.multiples, f.sums)
+    multiply_apart(n, f.n_order, f.odd_samples, f.multiples + <size_t>f.n_order * AZIMUTHS, f.sums + 8 * f.n_order)
 
 
 cdef void multiply_apart(int n, int n_order, given samples, given multiples, doubles sums) noexcept nogil:
@@ -281,20 +252,14 @@ cdef void reflect_flat(cplx m, double c, cplx* p, cplx* s) noexcept nogil:
                 make(low.real * c + inside.real, low.imag * c + inside.imag))
 
 
-cdef Job facet_shares_job(Arrays* t) noexcept nogil:
-    return Job(t.n_direction, <size_t>t.n_slope + 4, 0)
-
-
-cdef int facet_shares_one(const void* task, int item, Workspace desk) noexcept nogil:
+cdef int facet_shares_one(Arrays* f, int item, Workspace desk) noexcept nogil:
     """The integral over the angle of incidence on facets in pieces, each by Gauss's rule in what makes roots at both
     ends smooth."""
-    cdef const Arrays* f = <const Arrays*>task
-    cdef double mu = f.mu_i[item], sine = sqrt((1.0 - mu) * (1.0 + mu)), start, size, x, weight
+    cdef double mu = f.mu_i[0], sine = sqrt((1.0 - mu) * (1.0 + mu)), start, size, x, weight
     cdef double lit = shade(f, mu, sine) if f.shadowing else 1.0
-    cdef doubles edges = f.edges + <size_t>item * f.n_edge
-    cdef doubles out = f.shares + <size_t>item * 6
+    cdef doubles edges = f.edges
     cdef int k, j
-    set_zero(6, out)
+    set_zero(6, f.shares)
     for k in range(f.n_edge - 1):
         start, size = edges[k], edges[k + 1] - edges[k]
         if size < 1e-13:
@@ -302,7 +267,7 @@ cdef int facet_shares_one(const void* task, int item, Workspace desk) noexcept n
         for j in range(f.n_point):
             x = f.points[j]
             weight = 6.0 * x * (1.0 - x) * f.point_weights[j] * size
-            facets_around(f, mu, sine, lit, start + x * x * (3.0 - 2.0 * x) * size, weight, desk.work, out)
+            facets_around(f, mu, sine, lit, start + x * x * (3.0 - 2.0 * x) * size, weight, f.ends, f.shares)
     return 0
 
 

@@ -4,21 +4,15 @@
 # of the cosine. So azimuths are integrated over between the tilts at which the density is smooth.
 
 
-cdef Job flake_orders_job(Arrays* t) noexcept nogil:
-    return facet_orders_job(t)
-
-
-cdef int flake_orders_one(const void* task, int item, Workspace desk) noexcept nogil:
+cdef int flake_orders_one(Arrays* f, int item, Workspace desk) noexcept nogil:
     """The integral over azimuth in pieces of Gauss's rule between tilts, no wider than the highest order allows."""
-    cdef const Arrays* f = <const Arrays*>task
-    cdef double mu_i = f.mu_i[item], mu_o = f.mu_o[item], start = 0.0, stop, end, size, half, sine, longest
+    cdef double mu_i = f.mu_i[0], mu_o = f.mu_o[0], start = 0.0, stop, end, size, half, sine, longest
     cdef double slope, least
-    cdef int edge, k, j, pieces
-    cdef doubles out = f.out + <size_t>item * f.n_order * 16
+    cdef int edge, k, j, pieces, count = 0
     cdef Pair g
-    cdef Samples t = begin_orders(f, desk)
     cdef double z[4][4]
-    set_zero(<size_t>f.n_order * 16, out)
+    set_zero(<size_t>f.n_order * 16, f.sums)
+    set_zero(<size_t>f.n_order * 16, f.out)
     g.mu_i, g.mu_o = mu_i, mu_o
     g.sine_i, g.sine_o = sqrt((1.0 - mu_i) * (1.0 + mu_i)), sqrt((1.0 - mu_o) * (1.0 + mu_o))
     g.vertical = (mu_o - mu_i) * (mu_o - mu_i)
@@ -43,11 +37,11 @@ cdef int flake_orders_one(const void* task, int item, Workspace desk) noexcept n
                 for j in range(f.n_point):
                     half = 0.5 * (start + (k + f.points[j]) * size)
                     flake_mueller(f, &g, sin(half), cos(half), 2.0 * f.point_weights[j] * size, edge, z)
-                    add_azimuth(f, sin(half), cos(half), z, &t)
+                    add_azimuth(f, sin(half), cos(half), z, &count)
             start = stop
         if end == PI:
             break
-    finish_orders(f, &t, out)
+    finish_orders(f, &count)
     return 0
 
 

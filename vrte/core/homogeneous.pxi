@@ -13,101 +13,74 @@ cdef enum:
     MOST_LOOPED = 96     # rows up to which loops are quicker than LAPACK's blocks
 
 
-cdef Job symmetric_eigenproblem_job(Arrays* t) noexcept nogil:
-    return Job(1, <size_t>t.n * (t.n + 3), 0)
-
-
-cdef int symmetric_eigenproblem_one(const void* task, int item, Workspace desk) noexcept nogil:
-    cdef const Arrays* t = <const Arrays*>task
-    cdef size_t nn = <size_t>t.n * t.n
-    copy(nn, t.matrix, desk.work)
-    t.info[0] = vrte_eigenproblem_best(t.wide)(t.n, desk.work, t.values, t.vectors, desk.work + nn)
+cdef int symmetric_eigenproblem_one(Arrays* t, int item, Workspace desk) noexcept nogil:
+    copy(<size_t>t.n * t.n, t.matrix, t.a)
+    t.info[0] = vrte_eigenproblem_best(t.wide)(t.n, t.a, t.values, t.vectors, t.spare)
     return t.info[0]
-
-
-cdef Job homogeneous_job(Arrays* t) noexcept nogil:
-    """A block of LAPACK's included."""
-    return Job(<size_t>t.n_order * t.n_layer, <size_t>t.n * (5 * t.n + 50) + 8, 6 * <size_t>t.n + 8)
 
 
 cdef inline Nodes nodes_of(const Arrays* t) noexcept nogil:
     return Nodes(t.n, t.stokes, t.nodes, t.weights)
 
 
-cdef struct Halved:
-    # the halved eigenproblem of one order and layer
-    Nodes nodes
-    bint conserving, quick
-    double albedo
-    given E, F
-    doubles lam_re, lam_im, X, Y, work
-    ints pivots
-
-
 # (1:40)-(1:44)
-cdef int homogeneous_one(const void* task, int item, Workspace desk) noexcept nogil:
-    cdef const Arrays* t = <const Arrays*>task
-    cdef int n = t.n, layer = layer_of(t.slab_stack, t.n_layer, item), info, i, together, diffusion = -1
-    cdef size_t nn = <size_t>n * n, at = <size_t>item * n, first = item * nn
-    cdef doubles e = desk.work, f = e + nn, a = f + nn, v = a + nn, spare = v + n, X_lu = t.X_lu + first
-    cdef ints X_pivots = t.X_pivots + at
-    cdef Halved h = Halved(
-        nodes_of(t), t.conserving and t.orders[item // t.n_layer] == 0 and not is_lossy(t, layer), t.quick,
-        t.albedo[layer], t.E + first,
-        t.F + first, t.lam_re + at, t.lam_im + at, t.X + first, t.Y + first, desk.work, desk.pivots)
+cdef int homogeneous_one(Arrays* t, int item, Workspace desk) noexcept nogil:
+    cdef int n = t.n, info, i, together, diffusion = -1
+    cdef size_t nn = <size_t>n * n
     cdef bint paired = False       # X^-1 = Y^T
     cdef bint growing = False      # a mode that neither decays nor grows: phase matrices with too many terms have one
     cdef double largest = 0.0
-    if t.clear and h.albedo == 0.0:
-        clear_modes(&h, X_lu, X_pivots)
+    t.conserving = t.conserving and t.orders[0] == 0 and not is_lossy(t, 0)
+    if t.clear and t.albedo[0] == 0.0:
+        clear_modes(t)
         return 0
-    info = modes_by_stokes(&h, &paired, spare, &together)
+    info = modes_by_stokes(t, &paired, &together)
     if info != 0:
         return info
     if not paired:
-        copy(nn, h.F, f)
-        info = factorise(n, f, n, h.pivots)
+        copy(nn, t.F, t.f)
+        info = factorise(n, t.f, n, t.pivots)
         if info != 0:
             return info
-    if h.conserving:
-        conserving_axis(h.nodes, v)
-        copy(nn, h.E, e)
-        reflect_both(h.nodes, v, e, spare)
-        exact_conservation(h.nodes, h.albedo, v, e, spare)
-        diffusion = polish_smallest(&h, together, v, e, f, a, spare)
+    if t.conserving:
+        conserving_axis(nodes_of(t), t.v)
+        copy(nn, t.E, t.e)
+        reflect_both(nodes_of(t), t.v, t.e, t.spare)
+        exact_conservation(nodes_of(t), t.albedo[0], t.v, t.e, t.spare)
+        diffusion = polish_smallest(t, together)
     for i in range(n):
-        largest = max(largest, fabs(h.lam_re[i]))
+        largest = max(largest, fabs(t.lam_re[i]))
     for i in range(n):
-        if h.lam_im[i] == 0.0 and h.lam_re[i] < 0.0:
-            growing = growing or h.lam_re[i] < -1e-15 * largest      # else rounding below zero
-            h.lam_re[i] = 0.0
+        if t.lam_im[i] == 0.0 and t.lam_re[i] < 0.0:
+            growing = growing or t.lam_re[i] < -1e-15 * largest      # else rounding below zero
+            t.lam_re[i] = 0.0
     if not paired:
-        copy(nn, h.X, h.Y)
-        solve(n, n, f, h.pivots, h.Y, n)
+        copy(nn, t.X, t.Y)
+        solve(n, n, t.f, t.pivots, t.Y, n)
         if diffusion >= 0:
-            clear_of_diffusion(&h, diffusion)
-    t.residual[item] = 1.0 if growing else mode_residual(&h, a, e)
+            clear_of_diffusion(t, diffusion)
+    t.residual[0] = 1.0 if growing else mode_residual(t)
     if paired:
-        X_pivots[0] = -1
+        t.X_pivots[0] = -1
         return 0
-    copy(nn, h.X, X_lu)
-    return factorise(n, X_lu, n, X_pivots)
+    copy(nn, t.X, t.X_lu)
+    return factorise(n, t.X_lu, n, t.X_pivots)
 
 
-cdef void clear_modes(const Halved* h, doubles X_lu, ints X_pivots) noexcept nogil:
+cdef void clear_modes(const Arrays* t) noexcept nogil:
     """A layer that does not scatter: E = F = 1/mu, so X = 1, lambda = 1/mu^2 and Y = mu."""
-    cdef int i, n = h.nodes.n
+    cdef int i, n = t.n
     cdef double mu
-    set_zero(<size_t>n * n, h.X)
-    set_zero(<size_t>n * n, h.Y)
-    set_zero(<size_t>n * n, X_lu)
+    set_zero(<size_t>n * n, t.X)
+    set_zero(<size_t>n * n, t.Y)
+    set_zero(<size_t>n * n, t.X_lu)
     for i in range(n):
-        mu = h.nodes.mu[i // h.nodes.stokes]
-        h.X[<size_t>i * n + i] = X_lu[<size_t>i * n + i] = 1.0
-        h.Y[<size_t>i * n + i] = mu
-        h.lam_re[i] = 1.0 / (mu * mu)
-        h.lam_im[i] = 0.0
-        X_pivots[i] = i + 1      # LAPACK counts from 1
+        mu = t.nodes[i // t.stokes]
+        t.X[<size_t>i * n + i] = t.X_lu[<size_t>i * n + i] = 1.0
+        t.Y[<size_t>i * n + i] = mu
+        t.lam_re[i] = 1.0 / (mu * mu)
+        t.lam_im[i] = 0.0
+        t.X_pivots[i] = i + 1      # LAPACK counts from 1
 
 
 cdef int eigenproblem(int n, doubles a, doubles lam_re, doubles lam_im, doubles X, doubles spare,
@@ -122,7 +95,7 @@ cdef int eigenproblem(int n, doubles a, doubles lam_re, doubles lam_im, doubles 
     return info
 
 
-cdef int modes_by_stokes(const Halved* h, bint* paired, doubles spare, int* together) noexcept nogil:
+cdef int modes_by_stokes(const Arrays* t, bint* paired, int* together) noexcept nogil:
     """The modes of each set of Stokes parameters that mix, one set after another; `together`: columns of I's set. Y is
     filled where all is one set of symmetric modes and nothing is conserved, which `paired` says.
 
@@ -130,7 +103,7 @@ cdef int modes_by_stokes(const Halved* h, bint* paired, doubles spare, int* toge
     equal eigenvalues would mix and lose digits.
     """
     cdef int set_of[4]
-    cdef int n = h.nodes.n, stokes = h.nodes.stokes, a, b, i, j, row, info = 0, size, column = 0, old
+    cdef int n = t.n, stokes = t.stokes, a, b, i, j, row, info = 0, size, column = 0, old
     cdef size_t at
     for a in range(stokes):
         set_of[a] = a
@@ -139,7 +112,7 @@ cdef int modes_by_stokes(const Halved* h, bint* paired, doubles spare, int* toge
             for row in range(stokes):
                 a, b = set_of[row], set_of[j % stokes]
                 at = <size_t>j * n + i * stokes + row
-                if a != b and (h.E[at] != 0.0 or h.F[at] != 0.0):
+                if a != b and (t.E[at] != 0.0 or t.F[at] != 0.0):
                     old = max(a, b)
                     for size in range(stokes):
                         if set_of[size] == old:
@@ -149,41 +122,41 @@ cdef int modes_by_stokes(const Halved* h, bint* paired, doubles spare, int* toge
         for b in range(stokes):
             size += set_of[b] == a
         if size > 0 and info == 0:
-            info = modes_of_set(h, a, size, set_of, column, paired, spare)
+            info = modes_of_set(t, a, size, set_of, column, paired)
             column += size * (n // stokes)
             if a == 0:
                 together[0] = column
     return info
 
 
-cdef int modes_of_set(const Halved* h, int which, int members, given_ints set_of, int first, bint* paired,
-                      doubles spare) noexcept nogil:
+cdef int modes_of_set(const Arrays* t, int which, int members, given_ints set_of, int first,
+                      bint* paired) noexcept nogil:
     """The modes of one set: columns of X from the first on, zero in the other rows."""
-    cdef int n = h.nodes.n, stokes = h.nodes.stokes, size = members * (n // stokes), i, j, row, column = 0, info = 1
+    cdef int n = t.n, stokes = t.stokes, size = members * (n // stokes), i, j, row, column = 0, info = 1
     cdef size_t square = <size_t>size * size
     cdef bint alone = members == stokes
-    cdef doubles e = h.work, f = e + square, a = f + square, lam_re = h.lam_re + first, lam_im = h.lam_im + first
-    cdef doubles X = h.X + <size_t>first * n, x = X if alone else a + square
-    cdef doubles Y = h.Y if alone and not h.conserving else NULL
+    cdef doubles e = t.e, f = e + square, a = f + square, lam_re = t.lam_re + first, lam_im = t.lam_im + first
+    cdef doubles X = t.X + <size_t>first * n, x = X if alone else a + square
+    cdef doubles Y = t.Y if alone and not t.conserving else NULL
     if alone:
-        copy(square, h.E, e)
-        copy(square, h.F, f)
+        copy(square, t.E, e)
+        copy(square, t.F, f)
     for j in range(0 if alone else n):
         if set_of[j % stokes] != which:
             continue
         row = 0
         for i in range(n):
             if set_of[i % stokes] == which:
-                e[<size_t>column * size + row] = h.E[<size_t>j * n + i]
-                f[<size_t>column * size + row] = h.F[<size_t>j * n + i]
+                e[<size_t>column * size + row] = t.E[<size_t>j * n + i]
+                f[<size_t>column * size + row] = t.F[<size_t>j * n + i]
                 row += 1
         column += 1
-    if h.quick and symmetric(size, e) and symmetric(size, f):
-        info = symmetric_modes(size, e, f, lam_re, lam_im, x, Y, a, spare, h.pivots)
+    if t.quick and symmetric(size, e) and symmetric(size, f):
+        info = symmetric_modes(size, e, f, lam_re, lam_im, x, Y, a, t.spare, t.pivots)
         paired[0] = info == 0 and Y != NULL
     if info != 0:
         multiply(size, size, size, 1.0, f, e, 0.0, a)
-        info = eigenproblem(size, a, lam_re, lam_im, x, spare, h.pivots)
+        info = eigenproblem(size, a, lam_re, lam_im, x, t.spare, t.pivots)
     if alone:
         return info
     set_zero(<size_t>size * n, X)
@@ -235,26 +208,25 @@ cdef int symmetric_modes(int n, given e, given f, doubles lam_re, doubles lam_im
     return info
 
 
-cdef int polish_smallest(const Halved* h, int together, given v, given e, given f_lu, doubles lu,
-                         doubles row) noexcept nogil:
+cdef int polish_smallest(const Arrays* t, int together) noexcept nogil:
     """Which is the diffusion mode, -1 where there is none. Its small lambda is else known only to 1e-16 of the
     largest: at omega = 1 the null vector itself, below by inverse iteration with e, the turned E, whose row and column
     of the flux are exact."""
-    cdef int n = h.nodes.n, stokes = h.nodes.stokes, inner = n - 1, i, j, best = -1, sweep, axis = flux_axis(n, stokes)
+    cdef int n = t.n, stokes = t.stokes, inner = n - 1, i, j, best = -1, sweep, axis = flux_axis(n, stokes)
     cdef double smallest = 0.05, pivot, top, norm, growth = 1.0
     # lu (n-1, n-1): e without the axis; row (n-1,); column: e''^-1 row, e is symmetric there
-    cdef doubles column = row + inner, part = column + inner, x
-    cdef ints pivots = h.pivots + n
+    cdef doubles e = t.e, lu = t.a, row = t.spare, column = row + inner, part = column + inner, x
+    cdef ints pivots = t.pivots + n
     for j in range(together):     # those that have I
-        if h.lam_im[j] == 0.0 and fabs(h.lam_re[j]) < smallest:
-            best, smallest = j, fabs(h.lam_re[j])
+        if t.lam_im[j] == 0.0 and fabs(t.lam_re[j]) < smallest:
+            best, smallest = j, fabs(t.lam_re[j])
     if best < 0:
         return best
-    x = h.X + <size_t>best * n
-    if h.albedo == 1.0:
+    x = t.X + <size_t>best * n
+    if t.albedo[0] == 1.0:
         for i in range(n):
-            x[i] = 0.0 if i % stokes else sqrt(h.nodes.weights[i // stokes] * h.nodes.mu[i // stokes])
-        h.lam_re[best] = 0.0
+            x[i] = 0.0 if i % stokes else sqrt(t.weights[i // stokes] * t.nodes[i // stokes])
+        t.lam_re[best] = 0.0
         return best
     for j in range(inner):
         skip_flags(n, axis, e + (j if j < axis else j + 1) * n, lu + j * inner)
@@ -267,8 +239,8 @@ cdef int polish_smallest(const Halved* h, int together, given v, given e, given 
     for i in range(inner):
         pivot -= row[i] * column[i]
     for sweep in range(8):
-        solve(n, 1, f_lu, h.pivots, x, n)
-        turn_columns(h.nodes, 1, v, x)
+        solve(n, 1, t.f, t.pivots, x, n)
+        turn_columns(nodes_of(t), 1, t.v, x)
         top = x[axis]
         skip_flags(n, axis, x, part)
         solve(inner, 1, lu, pivots, part, inner)
@@ -283,16 +255,16 @@ cdef int polish_smallest(const Halved* h, int together, given v, given e, given 
         for i in range(inner):
             x[i if i < axis else i + 1] = part[i] / growth
         x[axis] = top / growth
-        turn_columns(h.nodes, 1, v, x)
-    h.lam_re[best] = 1.0 / growth
+        turn_columns(nodes_of(t), 1, t.v, x)
+    t.lam_re[best] = 1.0 / growth
     return best
 
 
-cdef void clear_of_diffusion(const Halved* h, int diffusion) noexcept nogil:
+cdef void clear_of_diffusion(const Arrays* t, int diffusion) noexcept nogil:
     """Y^T X is diagonal: what the rounding of the eigenproblem left of the diffusion mode in the others goes. At
     omega = 1 it alone carries flux, which so is conserved to the last digits."""
-    cdef int n = h.nodes.n, i, j
-    cdef given x = h.X + <size_t>diffusion * n, y = h.Y + <size_t>diffusion * n
+    cdef int n = t.n, i, j
+    cdef given x = t.X + <size_t>diffusion * n, y = t.Y + <size_t>diffusion * n
     cdef double size = 0.0, share
     for i in range(n):
         size += x[i] * y[i]
@@ -300,11 +272,11 @@ cdef void clear_of_diffusion(const Halved* h, int diffusion) noexcept nogil:
         if j != diffusion:
             share = 0.0
             for i in range(n):
-                share += y[i] * h.X[<size_t>j * n + i]
+                share += y[i] * t.X[<size_t>j * n + i]
             share /= size
             for i in range(n):
-                h.X[<size_t>j * n + i] -= share * x[i]
-                h.Y[<size_t>j * n + i] -= share * y[i]
+                t.X[<size_t>j * n + i] -= share * x[i]
+                t.Y[<size_t>j * n + i] -= share * y[i]
 
 
 cdef inline void skip_flags(int n, int axis, given x, doubles out) noexcept nogil:
@@ -313,14 +285,15 @@ cdef inline void skip_flags(int n, int axis, given x, doubles out) noexcept nogi
     copy((n - 1 - axis), x + axis + 1, out + axis)
 
 
-cdef double mode_residual(const Halved* h, doubles a, doubles b) noexcept nogil:
-    cdef int n = h.nodes.n, i, j = 0
+cdef double mode_residual(const Arrays* t) noexcept nogil:
+    cdef int n = t.n, i, j = 0
     cdef double worst = 0.0, largest = 0.0, re, im
-    cdef given X = h.X
-    multiply(n, n, n, 1.0, h.E, X, 0.0, a)
-    multiply(n, n, n, 1.0, h.F, a, 0.0, b)
+    cdef given X = t.X
+    cdef doubles a = t.a, b = t.e
+    multiply(n, n, n, 1.0, t.E, X, 0.0, a)
+    multiply(n, n, n, 1.0, t.F, a, 0.0, b)
     while j < n:
-        re, im = h.lam_re[j], h.lam_im[j]
+        re, im = t.lam_re[j], t.lam_im[j]
         if im == 0.0:
             vrte_compare(n, re, X + j * n, b + j * n, &largest, &worst)
             j = j + 1

@@ -4,11 +4,6 @@
 # matrices) R = (He Ce He'^T - Hf Cf Hf'^T)/2 over 1/mu + 1/mu', and H' = Q H q by reciprocity, Q and q the signs of
 # V. A fixed point of it gains a factor of about q of `order_bounds` a step.
 
-cdef Job reflect_semi_infinite_job(Arrays* t) noexcept nogil:
-    return Job(t.n_order, invariance_doubles(t) + stack_doubles(t.n, t.n_rhs)
-               + (2 * t.n + t.stokes * t.n_off) * <size_t>t.n_rhs, t.n)
-
-
 cdef size_t invariance_doubles(const Arrays* t) noexcept nogil:
     """Scratch memory of `solve_invariance`."""
     cdef size_t n = t.n, u = t.stokes * t.n_off
@@ -305,11 +300,11 @@ cdef bint begin_on_half(const Arrays* t, Invariant* s, given scale, given_ints s
     return True
 
 
-cdef doubles solve_invariance(const Arrays* t, int item, Workspace desk, Invariant* s) noexcept nogil:
+cdef doubles solve_invariance(const Arrays* t, given_ints stop, Invariant* s) noexcept nogil:
     """R of an order; the scratch memory behind it."""
-    cdef int m = t.orders[item], terms = t.terms[0], n_all = t.n_placed, n_node = t.n_node, i, kind
+    cdef int m = t.orders[0], terms = t.terms[0], n_all = t.n_placed, n_node = t.n_node, i, kind
     cdef given directions = t.directions
-    cdef doubles prt = desk.work, scale = prt + <size_t>3 * n_all * terms, memory
+    cdef doubles prt = t.work, scale = prt + <size_t>3 * n_all * terms, memory
     cdef bint begun
     s.x = Expansion(parity_of(m, t.stokes, t.members), m, terms, t.albedo[0], t.coefficients)
     s.n, s.u, s.off, s.rate = t.n, t.stokes * t.n_off, directions + n_node, 0.0
@@ -321,32 +316,31 @@ cdef doubles solve_invariance(const Arrays* t, int item, Workspace desk, Invaria
     for i in range(m, terms):
         s.rate = max(s.rate, t.albedo[0] * norm_of_coefficients(t.coefficients + 6 * i) / (2.0 * i + 1.0))
     s.rate = min(s.rate, 0.999)
-    for i in range(n_node):
-        scale[i] = sqrt(t.weights[i] / directions[i])
+    scale_nodes(t, scale)
     for kind in range(2):
         memory = sheet_at(memory, &s.x, kind, n_node, &s.nodes[kind])
         memory = sheet_at(memory, &s.x, kind, t.n_off, &s.rows[kind])
         parity_columns(&s.x, kind, prt, n_all, 0, n_node, scale, s.nodes[kind].phi)
         parity_columns(&s.x, kind, prt, n_all, n_node, t.n_off, NULL, s.rows[kind].phi)
-    t.steps[item] = 0
-    begun = begin_on_half(t, s, scale, desk.stop)
+    t.steps[0] = 0
+    begun = begin_on_half(t, s, scale, stop)
     s.residual = fixed_point(&s.x, s.nodes, s.nodes, directions, directions, s.rate, t.tolerance, t.halves, begun, s.R,
-                             s.room, t.steps + item, desk.stop, NULL)
+                             s.room, t.steps, stop, NULL)
     begun = begun and interpolate(t.n_off, s.off, n_node, directions, s.room)
     if begun:
         begin_rows(t.stokes, t.n_off, NULL, s.room, scale, s.nodes, s.rows, s.room + <size_t>t.n_off * n_node + n_node)
     s.residual = max(s.residual, fixed_point(&s.x, s.rows, s.nodes, s.off, directions, s.rate, t.tolerance, False,
-                                             begun, s.Ru, s.room, t.steps + item, desk.stop, NULL))
+                                             begun, s.Ru, s.room, t.steps, stop, NULL))
     return memory
 
 
-cdef int reflect_semi_infinite_one(const void* task, int item, Workspace desk) noexcept nogil:
-    cdef const Arrays* t = <const Arrays*>task
+cdef int reflect_semi_infinite_one(Arrays* t, int item, Workspace desk) noexcept nogil:
     cdef Invariant s
     cdef int kind
     cdef double sign
-    cdef doubles new, memory = solve_invariance(t, item, desk, &s)
-    t.residual[item] = s.residual
+    cdef doubles new
+    solve_invariance(t, desk.stop, &s)
+    t.residual[0] = s.residual
     # from off the nodes to off the nodes, less what is scattered once
     new = s.room
     for kind in range(2):
@@ -357,22 +351,20 @@ cdef int reflect_semi_infinite_one(const void* task, int item, Workspace desk) n
         product(b"N", b"T", s.u, s.u, s.rows[kind].columns, -sign, s.rows[kind].HC, s.u, s.rows[kind].phi, s.u, 1.0,
                 new, s.u)
     divide_by_rates(s.x.p, t.n_off, s.off, t.n_off, s.off, new)
-    light_of_beams(t, &s, new, s.Ru, t.up + <size_t>item * t.n_rhs * t.n_out_rows,
-              t.on_nodes + <size_t>item * t.n_rhs * s.n)
-    if t.top_row == NULL or t.top_row[item] < 0:
+    light_of_beams(t, &s, new, s.Ru, t.up, t.on_nodes)
+    if t.top_row == NULL or t.top_row[0] < 0:
         return 0
-    return join_top(t, item, &s, memory, desk.pivots)
+    return join_top(t, item, &s)
 
 
-cdef int join_top(const Arrays* t, int item, const Invariant* s, doubles memory, ints pivots) noexcept nogil:
+cdef int join_top(const Arrays* t, int item, const Invariant* s) noexcept nogil:
     """Puts the interface above on the layer: `on_nodes` becomes what comes up to it, and what it sends down again adds
     to `up`."""
     cdef int n = s.n, u = s.u, r = t.n_rhs, k, i, a, info
     cdef size_t nr = <size_t>n * r, rows = <size_t>t.stokes * t.n_out, each
-    cdef doubles up = t.up + item * r * rows, on_nodes = t.on_nodes + item * nr
-    cdef doubles down = memory + stack_doubles(n, r), g = down + nr, leaving = g + nr
-    cdef Stack stack = stack_at(n, r, memory, pivots, True)
-    cdef Element one = Element(n, t.block, NULL, t.top + t.top_row[item] * <size_t>n * t.block, NULL, NULL)
+    cdef doubles up = t.up, on_nodes = t.on_nodes, down = t.down, g = t.g, leaving = t.running
+    cdef Stack stack = stack_at(n, r, t.memory, t.pivots, True)
+    cdef Element one = Element(n, t.block, NULL, t.top + t.top_row[0] * <size_t>n * t.block, NULL, NULL)
     cdef given sent = NULL
     copy(<size_t>n * n, s.R, stack.below)
     stack.dark = False
@@ -385,7 +377,7 @@ cdef int join_top(const Arrays* t, int item, const Invariant* s, doubles memory,
     info = add(&stack, &one, sent, on_nodes, on_nodes, on_nodes, NULL, g)
     if info != 0:
         return info
-    t.residual[item] = max(t.residual[item], stack.missing)
+    t.residual[0] = max(t.residual[0], stack.missing)
     copy(nr, g, on_nodes)
     share(&one, one.below, r, g, n, down, n)
     multiply(u, r, n, 1.0, s.Ru, down, 0.0, leaving)

@@ -9,14 +9,6 @@ cdef size_t change_doubles(const Arrays* t) noexcept nogil:
     return invariance_doubles(t) + n * n + u * n + wide * n + 8 * wide * t.n_term + 4 * (n + u) * t.n_term
 
 
-cdef Job change_semi_infinite_job(Arrays* t) noexcept nogil:
-    return Job(t.n_order, change_doubles(t), 0)
-
-
-cdef Job pull_semi_infinite_job(Arrays* t) noexcept nogil:
-    return Job(t.n_order, change_doubles(t), 0)
-
-
 cdef void linear_step(const Expansion* x, const Linear* linear, FactorColumns* rows, FactorColumns* nodes,
                       given mu_row, given mu_node, given R, doubles new) noexcept nogil:
     """new = D o (R phi B H'^T), on the nodes with its transpose, + source; backwards phi and H change places."""
@@ -56,10 +48,9 @@ cdef void add_step(const Expansion* x, int kind, int rows, given H, int others, 
             add, out, rows)
 
 
-cdef int change_semi_infinite_one(const void* task, int item, Workspace desk) noexcept nogil:
-    cdef const Arrays* t = <const Arrays*>task
+cdef int change_semi_infinite_one(Arrays* t, int item, Workspace desk) noexcept nogil:
     cdef Invariant s
-    cdef doubles memory = solve_invariance(t, item, desk, &s), dR = memory, dRu = dR + <size_t>s.n * s.n
+    cdef doubles memory = solve_invariance(t, desk.stop, &s), dR = memory, dRu = dR + <size_t>s.n * s.n
     cdef doubles source = dRu + <size_t>s.u * s.n, spare = source + <size_t>max(s.n, s.u) * s.n
     cdef doubles dH = spare + 8 * <size_t>max(s.n, s.u) * t.n_term, dHu = dH + 2 * <size_t>s.n * t.n_term
     cdef doubles own, Ruu = s.room
@@ -80,7 +71,7 @@ cdef int change_semi_infinite_one(const void* task, int item, Workspace desk) no
         divide_by_rates(s.x.p, n_node, t.directions, n_node, t.directions, source)
         linear = Linear(False, True, source, spare)
         missing = max(missing, fixed_point(&s.x, s.nodes, s.nodes, t.directions, t.directions, s.rate, t.tolerance,
-                                           False, False, dR, s.room, t.steps + item, desk.stop, &linear))
+                                           False, False, dR, s.room, t.steps, desk.stop, &linear))
         own = dH
         for kind in range(2):
             sign = -1.0 if kind else 1.0
@@ -91,7 +82,7 @@ cdef int change_semi_infinite_one(const void* task, int item, Workspace desk) no
         divide_by_rates(s.x.p, t.n_off, s.off, n_node, t.directions, source)
         linear = Linear(False, False, source, spare)
         missing = max(missing, fixed_point(&s.x, s.rows, s.nodes, s.off, t.directions, s.rate, t.tolerance, False,
-                                           False, dRu, s.room, t.steps + item, desk.stop, &linear))
+                                           False, dRu, s.room, t.steps, desk.stop, &linear))
         for kind in range(2):
             sign = -1.0 if kind else 1.0
             multiply(u, s.nodes[kind].columns, n, sign, dRu, s.nodes[kind].phi, 0.0, dHu)
@@ -102,7 +93,7 @@ cdef int change_semi_infinite_one(const void* task, int item, Workspace desk) no
         divide_by_rates(s.x.p, t.n_off, s.off, t.n_off, s.off, Ruu)
         i = k * t.n_order + item
         light_of_beams(t, &s, Ruu, dRu, t.up + <size_t>i * t.n_rhs * t.n_out_rows, t.on_nodes + <size_t>i * t.n_rhs * n)
-    t.residual[item] = missing
+    t.residual[0] = missing
     return 0
 
 
@@ -137,14 +128,13 @@ cdef void pull_coefficients(const Expansion* x, int kind, double sign, double v_
             g[5] += b[1][0] - v_sign * b[0][1]
 
 
-cdef int pull_semi_infinite_one(const void* task, int item, Workspace desk) noexcept nogil:
-    cdef const Arrays* t = <const Arrays*>task
+cdef int pull_semi_infinite_one(Arrays* t, int item, Workspace desk) noexcept nogil:
     cdef Invariant s
-    cdef doubles memory = solve_invariance(t, item, desk, &s), L = memory, Lu = L + <size_t>s.n * s.n
+    cdef doubles memory = solve_invariance(t, desk.stop, &s), L = memory, Lu = L + <size_t>s.n * s.n
     cdef doubles source = Lu + <size_t>s.u * s.n, spare = source + <size_t>max(s.n, s.u) * s.n
     cdef doubles other, Luu = s.room + 6 * <size_t>s.n * max(s.n, s.u)
-    cdef doubles gradient = t.gradient + <size_t>6 * item * t.n_term
-    cdef given weights = t.pull_weights + <size_t>item * t.n_in_rows * t.n_out_rows
+    cdef doubles gradient = t.gradient
+    cdef given weights = t.pull_weights
     cdef int i, j, a, b, kind, n = s.n, u = s.u, stokes = t.stokes, n_node = t.n_node
     cdef double missing = s.residual, sign
     cdef Linear linear
@@ -172,7 +162,7 @@ cdef int pull_semi_infinite_one(const void* task, int item, Workspace desk) noex
     divide_by_rates(s.x.p, t.n_off, s.off, n_node, t.directions, source)
     linear = Linear(True, False, source, spare)
     missing = max(missing, fixed_point(&s.x, s.rows, s.nodes, s.off, t.directions, s.rate, t.tolerance, False, False,
-                                       Lu, s.room, t.steps + item, desk.stop, &linear))
+                                       Lu, s.room, t.steps, desk.stop, &linear))
     for kind in range(2):
         sign = -1.0 if kind else 1.0
         pull_coefficients(&s.x, kind, sign, -1.0, u, s.rows[kind].H, Lu, n, s.nodes[kind].H, spare, gradient)
@@ -185,9 +175,9 @@ cdef int pull_semi_infinite_one(const void* task, int item, Workspace desk) noex
     add_transposed(n, source)
     linear = Linear(True, True, source, spare)
     missing = max(missing, fixed_point(&s.x, s.nodes, s.nodes, t.directions, t.directions, s.rate, t.tolerance, False,
-                                       False, L, s.room, t.steps + item, desk.stop, &linear))
+                                       False, L, s.room, t.steps, desk.stop, &linear))
     for kind in range(2):
         sign = -1.0 if kind else 1.0
         pull_coefficients(&s.x, kind, sign, -1.0, n, s.nodes[kind].H, L, n, s.nodes[kind].H, spare, gradient)
-    t.residual[item] = missing
+    t.residual[0] = missing
     return 0

@@ -1,148 +1,119 @@
 # Doubled slabs added from the base up, then the field at their interfaces from the top down, on the nodes and off them.
 
-cdef Job join_slabs_job(Arrays* t) noexcept nogil:
-    cdef size_t n = t.n, r = t.n_rhs
-    return Job(t.n_order, t.n_place * n * (n + r) + (2 * t.n_place + 3) * n * r + stack_doubles(n, r) + 5 * n
-               + t.n_out_rows * (n + 2 * r), n)
-
-
-cdef struct SlabStack:
-    # one order of a stack of slabs
-    Sizes s
-    Nodes nodes
-    int n_place, per_beam
-    given_ints slabs
-    given above, mu0, R, T
-    doubles going_up, going_down    # per interface
-    doubles v, out                  # the turn to the flux's axis; base_out, turned
-
-
-cdef inline Extended slab_of(const SlabStack* p, given matrices, int place) noexcept nogil:
+cdef inline Extended slab_of(const Arrays* t, given matrices, int place) noexcept nogil:
     """R or T of the slab at a place."""
-    return extended_at(p.s, <doubles>matrices + p.slabs[place] * size_extended(p.s))
+    return extended_at(sizes_of(t), <doubles>matrices + t.slabs[place] * size_extended(sizes_of(t)))
 
 
-cdef int join_slabs_one(const void* task, int item, Workspace desk) noexcept nogil:
-    cdef const Arrays* t = <const Arrays*>task
-    cdef Sizes s = sizes_of(t)
-    cdef int n_place = t.n_place, row = t.base_row[item], place, level, info, i, n = s.n, r = s.r
-    cdef size_t nn = <size_t>n * n, nr = <size_t>n * r, each = size_extended(s)
-    cdef size_t first = <size_t>item * t.n_slab, wanted = <size_t>item * t.n_level, size = <size_t>r * s.o
-    cdef doubles G = desk.work, g = G + n_place * nn, going_up = g + n_place * nr
-    cdef doubles going_down = going_up + (n_place + 1) * nr, right = going_down + (n_place + 1) * nr
-    cdef doubles v = right + nr, absorbed = v + n, memory = absorbed + 3 * n, out = memory + stack_doubles(n, r)
-    cdef SlabStack p = SlabStack(s, nodes_of(t), n_place, r // t.n_in, t.slabs, t.above, t.mu0, t.R + first * each,
-                                 t.T + first * each, going_up, going_down, v, out)
-    cdef Stack stack = stack_at(n, r, memory, desk.pivots, True)
-    cdef Flux flux = Flux(flux_axis(n, s.stokes), NULL, absorbed, absorbed + n)
+cdef int join_slabs_one(Arrays* t, int item, Workspace desk) noexcept nogil:
+    cdef int n_place = t.n_place, row = t.base_row[0], place, level, info, i, n = t.n, r = t.n_rhs
+    cdef size_t nn = <size_t>n * n, nr = <size_t>n * r, at
+    cdef doubles up = t.going_up, down = t.going_down
+    cdef Stack stack = stack_at(n, r, t.memory, t.pivots, True)
+    cdef Flux flux = Flux(flux_axis(n, t.stokes), NULL, t.absorbed, t.row)
     cdef Element one
     cdef double size_of_flux = 0.0
-    set_zero(n, absorbed)
-    set_zero(2 * (n_place + 1) * nr, going_up)
-    absorbed[flux.axis] = 1.0
-    if t.conserving and t.orders[item] == 0:
+    set_zero(n, t.absorbed)
+    set_zero((n_place + 1) * nr, up)
+    set_zero((n_place + 1) * nr, down)
+    t.absorbed[flux.axis] = 1.0
+    if t.conserving and t.orders[0] == 0:
         stack.flux = &flux
-        conserving_axis(p.nodes, v)
-        size_of_flux = half_range(p.nodes)
+        conserving_axis(nodes_of(t), t.v)
+        size_of_flux = half_range(nodes_of(t))
     if row >= 0:
-        put_base(&p, &stack, t.base + row * nn, t.base_source + row * nr, t.base_out + <size_t>row * n * s.o)
+        put_base(t, &stack, row)
     for place in range(n_place - 1, -1, -1):
         if desk.stop[0]:
             return 0
-        flux.lost, stack.missing = t.lost + (first + t.slabs[place]) * n, 0.0
-        one = slab_element(n, slab_of(&p, p.R, place).N, slab_of(&p, p.T, place).N)
-        emitted(&p, place, p.R, going_up + place * nr)
-        emitted(&p, place, p.T, going_down + (place + 1) * nr)
-        info = add(&stack, &one, going_down + (place + 1) * nr, going_up + (place + 1) * nr, going_up + place * nr,
-                   going_up + place * nr, G + place * nn if place > 0 else NULL, g + place * nr)
+        flux.lost, stack.missing = t.lost + t.slabs[place] * <size_t>n, 0.0
+        one = slab_element(n, slab_of(t, t.R, place).N, slab_of(t, t.T, place).N)
+        emitted(t, place, t.R, up + place * nr)
+        emitted(t, place, t.T, down + (place + 1) * nr)
+        info = add(&stack, &one, down + (place + 1) * nr, up + (place + 1) * nr, up + place * nr, up + place * nr,
+                   t.G + place * nn if place > 0 else NULL, t.g + place * nr)
         if info != 0:
             return info
-        t.residual[<size_t>item * n_place + place] = stack.missing
+        t.residual[place] = stack.missing
     for place in range(n_place):
-        one = slab_element(n, slab_of(&p, p.R, place).N, slab_of(&p, p.T, place).N)
-        go_down(n, r, &one, going_down + place * nr, G + place * nn if place > 0 else NULL, g + place * nr,
-                going_up + (place + 1) * nr, going_down + (place + 1) * nr, right)
+        one = slab_element(n, slab_of(t, t.R, place).N, slab_of(t, t.T, place).N)
+        go_down(n, r, &one, down + place * nr, t.G + place * nn if place > 0 else NULL, t.g + place * nr,
+                up + (place + 1) * nr, down + (place + 1) * nr, t.right)
     for level in range(t.n_level):
         for i in range(r):
-            first = t.interface[level] * nr + <size_t>i * n + flux.axis
-            t.flux[2 * (wanted + level) * r + i] = -sqrt(size_of_flux) * going_up[first]
-            t.flux[(2 * (wanted + level) + 1) * r + i] = -sqrt(size_of_flux) * going_down[first]
-    leave(&p, row >= 0, t.n_level, t.interface, t.up + wanted * size, t.down + wanted * size)
+            at = t.interface[level] * nr + <size_t>i * n + flux.axis
+            t.flux[2 * level * r + i] = -sqrt(size_of_flux) * up[at]
+            t.flux[(2 * level + 1) * r + i] = -sqrt(size_of_flux) * down[at]
+    leave(t, row >= 0)
     return 0
 
 
-cdef void put_base(const SlabStack* p, Stack* stack, given base, given base_source, given base_out) noexcept nogil:
+cdef void put_base(const Arrays* t, Stack* stack, int row) noexcept nogil:
     """The base's operator, the beam that it reflects, its rows out, and (order 0) the row of what it absorbs."""
-    cdef int i, n = p.s.n
-    cdef size_t nr = <size_t>n * p.s.r, k
-    cdef doubles up = p.going_up + p.n_place * nr, absorbed
-    copy(<size_t>n * n, base, stack.below)
-    copy(<size_t>n * p.s.o, base_out, p.out)
+    cdef int i, n = t.n
+    cdef size_t nn = <size_t>n * n, nr = <size_t>n * t.n_rhs, k
+    cdef doubles up = t.going_up + t.n_place * nr, absorbed = t.absorbed
+    copy(nn, t.base + row * nn, stack.below)
+    copy(<size_t>n * t.n_out_rows, t.base_out + row * <size_t>n * t.n_out_rows, t.base_rows)
     stack.dark = False
     for k in range(nr):
-        up[k] = base_source[k] * exp(-p.above[p.n_place] / p.mu0[k // (n * <size_t>p.per_beam)])
+        up[k] = t.base_source[row * nr + k] * exp(-t.above[t.n_place] / t.mu0[k // (n * <size_t>t.n_col)])
     if stack.flux == NULL:
         return
-    reflect_both(p.nodes, p.v, stack.below, stack.spare)
-    turn_columns(p.nodes, p.s.r, p.v, up)
-    turn_rows(p.nodes, p.s.o, p.v, p.out, p.out + <size_t>n * p.s.o)
-    absorbed = stack.flux.absorbed
+    reflect_both(nodes_of(t), t.v, stack.below, stack.spare)
+    turn_columns(nodes_of(t), t.n_rhs, t.v, up)
+    turn_rows(nodes_of(t), t.n_out_rows, t.v, t.base_rows, t.running)
     for i in range(n):
         absorbed[i] -= stack.below[<size_t>i * n + stack.flux.axis]
         if fabs(absorbed[i]) < ROUNDING:
             absorbed[i] = 0.0
 
 
-cdef inline void emitted(const SlabStack* p, int place, given matrices, doubles out) noexcept nogil:
+cdef inline void emitted(const Arrays* t, int place, given matrices, doubles out) noexcept nogil:
     """What the slab at a place sends out of the attenuated beam, up (R) or down (T)."""
     cdef int i, j
     cdef double decay
-    cdef given NI = slab_of(p, matrices, place).NI
-    for j in range(p.s.r):
-        decay = exp(-p.above[place] / p.mu0[j // p.per_beam])
-        for i in range(p.s.n):
-            out[<size_t>j * p.s.n + i] = decay * NI[<size_t>j * p.s.n + i]
+    cdef given NI = slab_of(t, matrices, place).NI
+    for j in range(t.n_rhs):
+        decay = exp(-t.above[place] / t.mu0[j // t.n_col])
+        for i in range(t.n):
+            out[<size_t>j * t.n + i] = decay * NI[<size_t>j * t.n + i]
 
 
-cdef void leave(const SlabStack* p, bint has_base, int n_level, given_ints interface, doubles up,
-                doubles down) noexcept nogil:
+cdef void leave(const Arrays* t, bint has_base) noexcept nogil:
     """The field off the nodes at every wanted interface, first up through the slabs, then down."""
-    cdef size_t nr = <size_t>p.s.n * p.s.r, size = <size_t>p.s.o * p.s.r
-    cdef doubles running = p.out + <size_t>p.s.n * p.s.o, next = running + size
-    cdef int place, level
-    set_zero(size, running)
-    if has_base:
-        multiply(p.s.o, p.s.r, p.s.n, 1.0, p.out, p.going_down + p.n_place * nr, 0.0, running)
-    for place in range(p.n_place, -1, -1):
-        for level in range(n_level):
-            if interface[level] == place:
-                copy(size, running, up + level * size)
-        if place > 0:
-            off_nodes(p, place - 1, p.R, p.going_up + place * nr, p.going_down + (place - 1) * nr, running, next)
-            copy(size, next, running)
-    set_zero(size, running)
-    for place in range(p.n_place + 1):
-        for level in range(n_level):
-            if interface[level] == place:
-                copy(size, running, down + level * size)
-        if place < p.n_place:
-            off_nodes(p, place, p.T, p.going_down + place * nr, p.going_up + (place + 1) * nr, running, next)
-            copy(size, next, running)
+    cdef size_t nr = <size_t>t.n * t.n_rhs, size = <size_t>t.n_out_rows * t.n_rhs
+    cdef int step, here, level, upward
+    for upward in range(1, -1, -1):
+        set_zero(size, t.running)
+        if upward and has_base:
+            multiply(t.n_out_rows, t.n_rhs, t.n, 1.0, t.base_rows, t.going_down + t.n_place * nr, 0.0, t.running)
+        for step in range(t.n_place + 1):
+            here = t.n_place - step if upward else step
+            for level in range(t.n_level):
+                if t.interface[level] == here:
+                    copy(size, t.running, (t.up if upward else t.down) + level * size)
+            if step == t.n_place:
+                break
+            if upward:
+                off_nodes(t, here - 1, t.R, t.going_up + here * nr, t.going_down + (here - 1) * nr)
+            else:
+                off_nodes(t, here, t.T, t.going_down + here * nr, t.going_up + (here + 1) * nr)
+            copy(size, t.passed_on, t.running)
 
 
-cdef void off_nodes(const SlabStack* p, int place, given of_beam, given through, given turned, given entering,
-                    doubles out) noexcept nogil:
-    """out = entering let straight through + T_ON through + R_ON turned + OI of the attenuated beam, that of R (up) or T
-    (down)."""
-    cdef int i, j, o = p.s.o
+cdef void off_nodes(const Arrays* t, int place, given of_beam, given through, given turned) noexcept nogil:
+    """passed_on = running let straight through + T_ON through + R_ON turned + OI of the attenuated beam, that of R (up)
+    or T (down)."""
+    cdef int i, j, o = t.n_out_rows
     cdef size_t k
     cdef double decay
-    cdef Extended r = slab_of(p, p.R, place), t = slab_of(p, p.T, place)
-    cdef given OI = slab_of(p, of_beam, place).OI
-    for j in range(p.s.r):
-        decay = exp(-p.above[place] / p.mu0[j // p.per_beam])
+    cdef Extended R = slab_of(t, t.R, place), T = slab_of(t, t.T, place)
+    cdef given OI = slab_of(t, of_beam, place).OI
+    for j in range(t.n_rhs):
+        decay = exp(-t.above[place] / t.mu0[j // t.n_col])
         for i in range(o):
             k = <size_t>j * o + i
-            out[k] = t.OO[i] * entering[k] + decay * OI[k]
-    multiply(o, p.s.r, p.s.n, 1.0, t.ON, through, 1.0, out)
-    multiply(o, p.s.r, p.s.n, 1.0, r.ON, turned, 1.0, out)
+            t.passed_on[k] = T.OO[i] * t.running[k] + decay * OI[k]
+    multiply(o, t.n_rhs, t.n, 1.0, T.ON, through, 1.0, t.passed_on)
+    multiply(o, t.n_rhs, t.n, 1.0, R.ON, turned, 1.0, t.passed_on)

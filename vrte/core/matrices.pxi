@@ -134,12 +134,7 @@ cdef inline void exchange(doubles a, doubles b) noexcept nogil:
     b[0] = kept
 
 
-cdef Job solve_by_factors_job(Arrays* t) noexcept nogil:
-    return Job(1, 0, 0)
-
-
-cdef int solve_by_factors_one(const void* task, int item, Workspace desk) noexcept nogil:
-    cdef const Arrays* t = <const Arrays*>task
+cdef int solve_by_factors_one(Arrays* t, int item, Workspace desk) noexcept nogil:
     copy(<size_t>t.n_column * t.n_row, t.b, t.found)
     if t.from_right:
         times_inverse_by_triangles(t.wide, t.n_row, t.n, t.lu, t.pivots, t.found)

@@ -60,24 +60,14 @@ cdef void match_outside(double size, int orders, int row, double *ratio, cplx *f
                 gain[kind * row + n - 1] = over(over(make(0.0, 1.0), below), below)
 
 
-cdef Job find_spheres_job(Arrays* t) noexcept nogil:
-    return Job(t.n_sphere, 2 * (3 * (t.n_degree + 1) + 2 * <size_t>t.n_degree) + t.n_degree + 1, 0)
-
-
-cdef int find_spheres_one(const void* task, int k, Workspace desk) noexcept nogil:
-    cdef const Arrays* t = <const Arrays*>task
-    cdef int row = t.n_degree, degrees = t.degrees[k]
-    cdef bint with_slopes = t.n_number > 1
-    cdef cplx* found = <cplx*>t.series + <size_t>2 * t.n_number * row * k
-    cdef cplx* slopes = <cplx*>desk.work
-    cdef cplx* gain = slopes + 3 * (row + 1)
-    cdef doubles ratio = <doubles>(gain + 2 * row)
+cdef int find_spheres_one(Arrays* t, int k, Workspace desk) noexcept nogil:
+    cdef cplx* gain = <cplx*>t.gain if t.n_number > 1 else NULL
     if t.core_indices == NULL:
-        find_sphere_coefficients((<cplx*>t.indices)[k], t.sizes[k], degrees, row, with_slopes, found, slopes, ratio,
-                                 gain if with_slopes else NULL)
+        find_sphere_coefficients((<cplx*>t.indices)[0], t.sizes[0], t.degrees[0], t.n_degree, <cplx*>t.series,
+                                 <cplx*>t.slope_of_psi, t.ratio, gain)
     else:
-        find_coated_coefficients((<cplx*>t.core_indices)[k], (<cplx*>t.indices)[k], t.core_sizes[k], t.sizes[k],
-                                 degrees, row, with_slopes, found, slopes, ratio, gain if with_slopes else NULL)
+        find_coated_coefficients((<cplx*>t.core_indices)[0], (<cplx*>t.indices)[0], t.core_sizes[0], t.sizes[0],
+                                 t.degrees[0], t.n_degree, <cplx*>t.series, <cplx*>t.slope_of_psi, t.ratio, gain)
     return 0
 
 
@@ -111,8 +101,8 @@ def as_arrays(index, size, orders):
     return np.array([index], np.complex128), np.array([size], float), np.array([orders], np.int32)
 
 
-cdef void find_sphere_coefficients(cplx relative_index, double size, int orders, int row, bint with_slopes,
-                                   cplx *found, cplx *slope, doubles ratio, cplx *gain) noexcept nogil:
+cdef void find_sphere_coefficients(cplx relative_index, double size, int orders, int row, cplx *found, cplx *slope,
+                                   doubles ratio, cplx *gain) noexcept nogil:
     """found (1 or 3, 2, row); scratch slope and ratio (orders + 1,), gain (2, row) with slopes. D' = n(n + 1)/z^2 - 1 -
     D^2, and what is the same on both sides of the surface is left out of the difference."""
     cdef cplx z = times(relative_index, make(size, 0.0)), square = times(relative_index, relative_index), d, dz
@@ -123,7 +113,7 @@ cdef void find_sphere_coefficients(cplx relative_index, double size, int orders,
         found[n - 1] = over(slope[n], relative_index)
         found[row + n - 1] = times(slope[n], relative_index)
     match_outside(size, orders, row, ratio, found, gain)
-    if with_slopes:
+    if gain != NULL:
         for n in range(1, orders + 1):
             d, bend = slope[n], n / size * ((n + 1) / size)
             dz = times(z, over(make(bend, 0.0), square) - 1.0 - times(d, d))   # z D'
@@ -160,8 +150,7 @@ cdef inline cplx bend_slope(int n, cplx z, cplx slope) noexcept nogil:
 
 
 cdef void find_coated_coefficients(cplx core_index, cplx shell_index, double core_size, double size, int orders,
-                                   int row, bint with_slopes, cplx *found, cplx *slopes, doubles ratio,
-                                   cplx *gain) noexcept nogil:
+                                   int row, cplx *found, cplx *slopes, doubles ratio, cplx *gain) noexcept nogil:
     """found (1 or 5, 2, row); scratch as for `find_sphere_coefficients`: slopes of the core, of the shell inside and
     outside, (3, orders + 1).
 
@@ -194,7 +183,7 @@ cdef void find_coated_coefficients(cplx core_index, cplx shell_index, double cor
                 u = make(1e-30 * (size_of(a) + size_of(b)), 0.0)
             at_surface = over(times(a, outside.psi_slope) + times(b, outside.xi_slope), u)
             here[0] = over(at_surface, shell_index) if kind == 0 else times(at_surface, shell_index)
-            if with_slopes:   # of L, with the four numbers
+            if gain != NULL:   # of L, with the four numbers
                 carried = -over(make(spread, 0.0), u)
                 carried = over(carried, u)
                 in_core = bend_slope(n, core, slopes[n])
@@ -215,7 +204,7 @@ cdef void find_coated_coefficients(cplx core_index, cplx shell_index, double cor
                 part = here[0]
                 here[4 * step] = here[4 * step] - bend_slope(n, make(size, 0.0), part)
     match_outside(size, orders, row, ratio, found, gain)
-    if with_slopes:
+    if gain != NULL:
         for number in range(1, 5):
             here = found + number * step
             for kind in range(2):

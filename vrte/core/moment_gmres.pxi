@@ -11,14 +11,12 @@
 cdef int MOST_SCATTERED = 40  # steps of GMRES; a layer that absorbs nothing and is 4 thick needs 20
 
 
-cdef Job scatter_by_fractions_job(Arrays* t) noexcept nogil:
+cdef size_t gmres_doubles(const Arrays* t) noexcept nogil:
+    """Scratch memory of a layer of an order."""
     cdef size_t g = 4 * t.n_term, n = t.n, o = t.n_out_rows, k = t.n_share
-    return Job(
-        <size_t>t.n_order * t.n_layer,
-        3 * t.n_all * t.n_term + t.n_all + g * (4 * n + o + 2 * t.n_in_rows)
-        + g * (2 * n + o + g) + (n + o) * (3 * k + 3) + 2 * g
-        + g * k * (MOST_SCATTERED + 7) + (MOST_SCATTERED + 3) * (MOST_SCATTERED + 1) + 2 * (n + o)
-        + t.n_depth * (2 * max(n, o) + g), 0)
+    return (3 * t.n_all * t.n_term + t.n_all + g * (6 * n + 2 * o + g + 2 * t.n_in_rows) + (n + o) * (3 * k + 5) + 2 * g
+            + g * k * (MOST_SCATTERED + 7) + (MOST_SCATTERED + 3) * (MOST_SCATTERED + 1)
+            + t.n_depth * (2 * max(n, o) + g))
 
 
 cdef struct Rows:
@@ -261,21 +259,18 @@ cdef inline void add_half(int n, given v, bint is_odd, doubles up, doubles down)
         up[i], down[i] = even - v[i], even + v[i]
 
 
-cdef int scatter_by_fractions_one(const void* task, int item, Workspace desk) noexcept nogil:
-    cdef const Arrays* t = <const Arrays*>task
-    cdef int m = t.orders[item // t.n_layer], layer = item % t.n_layer, terms = t.terms[layer], stokes = t.stokes
+cdef int scatter_by_fractions_one(Arrays* t, int item, Workspace desk) noexcept nogil:
+    cdef int m = t.orders[0], terms = t.terms[0], stokes = t.stokes
     cdef int n = t.n, o = t.n_out_rows, r = t.n_rhs, into = t.n_in_rows
     cdef int poles = t.n_pole, K = poles + 1, i, j, kind, g, gk, count, other, column, beam
-    cdef size_t at = item, nr = <size_t>n * r, orr = <size_t>o * r
+    cdef size_t nr = <size_t>n * r, orr = <size_t>o * r
     cdef int depths = t.n_depth
-    cdef doubles out = t.out + 2 * at * orr, on_nodes = t.on_nodes + 2 * at * nr
-    cdef doubles out_inside = t.out_inside + 2 * at * depths * orr
-    cdef doubles nodes_inside = t.on_nodes_inside + 2 * at * depths * nr
+    cdef doubles out = t.out, on_nodes = t.on_nodes, out_inside = t.out_inside, nodes_inside = t.on_nodes_inside
     cdef given mu_out = t.directions + t.n_node, mu0 = mu_out + t.n_out
-    cdef double h = 0.5 * t.thickness[layer], rate, total, change, largest = 0.0
-    cdef Expansion x = Expansion(parity_of(m, stokes, t.members), m, terms, h * t.albedo[layer],
-                                 t.coefficients + <size_t>6 * layer * t.n_term)
-    cdef doubles prt = desk.work, scale = prt + <size_t>3 * t.n_all * t.n_term, memory = scale + t.n_all
+    cdef double h = 0.5 * t.thickness[0], rate, total, change, largest = 0.0
+    cdef Expansion x = Expansion(parity_of(m, stokes, t.members), m, terms, h * t.albedo[0],
+                                 t.coefficients)
+    cdef doubles prt = t.work, scale = prt + <size_t>3 * t.n_all * t.n_term, memory = scale + t.n_all
     cdef doubles phi[2]
     cdef doubles psi[2]
     cdef doubles phi_out[2]
@@ -283,7 +278,7 @@ cdef int scatter_by_fractions_one(const void* task, int item, Workspace desk) no
     cdef doubles phi_in, moments, first, spare
     cdef int width[2]
     cdef ParityHalf half
-    t.residual[at] = 0.0
+    t.residual[0] = 0.0
     set_zero(2 * depths * orr, out_inside)
     set_zero(2 * depths * nr, nodes_inside)
     if terms <= m or x.albedo == 0.0:
@@ -291,8 +286,7 @@ cdef int scatter_by_fractions_one(const void* task, int item, Workspace desk) no
         set_zero(2 * nr, on_nodes)
         return 0
     spherical(m, terms, is_polar(x.p), t.directions, t.n_all, prt)
-    for i in range(t.n_node):
-        scale[i] = sqrt(t.weights[i] / t.directions[i])
+    scale_nodes(t, scale)
     for kind in range(2):
         count = columns_of(&x, kind)
         width[kind] = count
@@ -356,5 +350,5 @@ cdef int scatter_by_fractions_one(const void* task, int item, Workspace desk) no
                 add_inside(&half, &half.outside, moments, first, t.inside, depths, 1.0 - 2.0 * kind, orr, spare,
                            out_inside + <size_t>column * o)
             add_half(o, half.outside.made, kind, out + column * o, out + orr + column * o)
-    t.residual[at] = largest
+    t.residual[0] = largest
     return 0

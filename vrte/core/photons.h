@@ -116,9 +116,9 @@ static inline void photon_straighten(vrte_photon* p) {
 
 /* Counts a photon that goes through a place: 0 leaves at the top, 1 at the bottom, then levels. Its mirror image in the
    plane of incidence is as likely, and is what is counted of azimuths below 0. */
-static void photon_count(const vrte_arrays* t, vrte_photon* p, int batch, int place) {
+static void photon_count(const vrte_arrays* t, vrte_photon* p, int place) {
     double m[4][4], theta[3];
-    size_t at = ((size_t)batch * t->n_counted + place) * 2 + (p->w[2] < 0.0);
+    size_t at = (size_t)place * 2 + (p->w[2] < 0.0);
     double phi = photon_meridian(p->w, theta);
     memcpy(m, p->m, sizeof m);
     photon_refer_to(p, m, theta);
@@ -139,8 +139,8 @@ static void photon_count(const vrte_arrays* t, vrte_photon* p, int batch, int pl
 }
 
 /* What a layer, or a surface behind all layers, keeps of a photon. */
-static void photon_keep(const vrte_arrays* t, const vrte_photon* p, int batch, int keeper, double share) {
-    double* kept = t->kept + ((size_t)batch * (2 * t->n_layer + 1) + keeper) * 4;
+static void photon_keep(const vrte_arrays* t, const vrte_photon* p, int keeper, double share) {
+    double* kept = t->kept + (size_t)keeper * 4;
     for (int j = 0; j < 4; j++)
         kept[j] += share * p->m[0][j];
 }
@@ -441,7 +441,7 @@ static void photon_mirror_to(const vrte_arrays* t, vrte_photon* p, const double*
 }
 
 /* Next-event estimates: what light that is scattered here sends along every view and out to its depth. */
-static void photon_estimate(const vrte_arrays* t, const vrte_photon* from, int batch, int by) {
+static void photon_estimate(const vrte_arrays* t, const vrte_photon* from, int by) {
     for (int v = 0; v < t->n_view; v++) {
         const double *w = t->views + 6 * v, *theta = w + 3;
         double way = photon_way_out(t, from, v);
@@ -458,7 +458,7 @@ static void photon_estimate(const vrte_arrays* t, const vrte_photon* from, int b
         }
         if (by != VRTE_BY_BASE)
             photon_refer_to(&p, p.m, theta);
-        double *out = t->viewed + ((size_t)batch * t->n_view + v) * 16, passed = exp(-way) / fabs(w[2]);
+        double *out = t->viewed + (size_t)v * 16, passed = exp(-way) / fabs(w[2]);
         for (int i = 0; i < 4; i++)
             for (int j = 0; j < 4; j++)
                 out[4 * i + j] += passed * p.m[i][j];
@@ -466,7 +466,7 @@ static void photon_estimate(const vrte_arrays* t, const vrte_photon* from, int b
 }
 
 /* What happens at the surface above layer k, or below the last; a photon that is kept is counted there. */
-static int photon_meet_surface(const vrte_arrays* t, vrte_photon* p, int batch, int k) {
+static int photon_meet_surface(const vrte_arrays* t, vrte_photon* p, int k) {
     const double* of = t->surface_numbers + 8 * k;
     int from_below = p->w[2] > 0.0, n_layer = t->n_layer, verdict = VRTE_GOES_ON;
     double n = from_below ? 1.0 / of[0] : of[0], h[3] = {0.0, 0.0, from_below ? -1.0 : 1.0};
@@ -481,7 +481,7 @@ static int photon_meet_surface(const vrte_arrays* t, vrte_photon* p, int batch, 
         verdict = photon_meet_rough(t, p, k, of[0]);
         break;
     case VRTE_LAMBERTIAN:
-        photon_estimate(t, p, batch, VRTE_BY_BASE);
+        photon_estimate(t, p, VRTE_BY_BASE);
         if (photon_chance(p) < of[0])
             photon_send(p, sqrt(photon_chance(p)), 0.0);
         else
@@ -495,13 +495,13 @@ static int photon_meet_surface(const vrte_arrays* t, vrte_photon* p, int batch, 
         photon_act(p->m, 1.0, 0.0, 1.0, -1.0, 0.0, -1.0, 1.0);
     }
     if (verdict == VRTE_ENDS) {
-        photon_keep(t, p, batch, n_layer + k, 1.0);
+        photon_keep(t, p, n_layer + k, 1.0);
         return verdict;
     }
     p->layer = p->w[2] > 0.0 ? k - 1 : k;
     if (p->layer < 0 || p->layer == n_layer) {
-        t->spent[4 * batch + (p->layer < 0 ? 2 : 3)] += p->m[0][0];
-        photon_count(t, p, batch, p->layer < 0 ? 0 : 1);
+        t->spent[p->layer < 0 ? 2 : 3] += p->m[0][0];
+        photon_count(t, p, p->layer < 0 ? 0 : 1);
         return VRTE_ENDS;
     }
     p->depth = p->w[2] > 0.0 ? t->extent[p->layer] : 0.0;
@@ -510,7 +510,7 @@ static int photon_meet_surface(const vrte_arrays* t, vrte_photon* p, int batch, 
 
 /* A flake, its normal by the density of tilts. It is met by the area that it turns to the light: if not, the photon
    goes on as it was. */
-static int photon_meet_flake(const vrte_arrays* t, vrte_photon* p, int batch) {
+static int photon_meet_flake(const vrte_arrays* t, vrte_photon* p) {
     const double* cosines = t->tilts + (size_t)3 * t->n_tilt * t->flake_of[p->layer];
     double u = photon_chance(p), s, c, h[3], across[3], met[4];
     int i = photon_find(t->n_tilt, cosines + t->n_tilt, u, &s);
@@ -522,12 +522,12 @@ static int photon_meet_flake(const vrte_arrays* t, vrte_photon* p, int batch) {
     c = photon_dot(p->w, h);
     if (photon_chance(p) >= fabs(c))
         return VRTE_GOES_ON;
-    t->spent[4 * batch] += 1.0;
+    t->spent[0] += 1.0;
     p->is_beam = 0;
     photon_meet_mirror(t, p, h, across, met);
     double share = met[0] + met[1] * p->m[1][0] / p->m[0][0];
     if (share < 1.0 - 1e-14 && photon_chance(p) >= share) {
-        photon_keep(t, p, batch, p->layer, 1.0);
+        photon_keep(t, p, p->layer, 1.0);
         return VRTE_ENDS;
     }
     photon_act(p->m, met[0], met[1], met[0], met[2], met[3], met[2], 1.0 / share);
@@ -536,19 +536,19 @@ static int photon_meet_flake(const vrte_arrays* t, vrte_photon* p, int batch) {
 }
 
 /* A collision: with a flake or a particle, by their extinctions for light along the normal to all flakes. */
-static int photon_collide(const vrte_arrays* t, vrte_photon* p, int batch) {
+static int photon_collide(const vrte_arrays* t, vrte_photon* p) {
     int k = p->layer;
     double albedo = t->albedo[k], survival = fmax(albedo, VRTE_SURVIVAL);
     if (t->flake_share[k] > 0.0 && photon_chance(p) < t->flake_share[k]) {
-        photon_estimate(t, p, batch, VRTE_BY_FLAKE);
-        return photon_meet_flake(t, p, batch);
+        photon_estimate(t, p, VRTE_BY_FLAKE);
+        return photon_meet_flake(t, p);
     }
     if (albedo > 0.0)
-        photon_estimate(t, p, batch, VRTE_BY_PARTICLE);
-    t->spent[4 * batch] += 1.0;
+        photon_estimate(t, p, VRTE_BY_PARTICLE);
+    t->spent[0] += 1.0;
     p->is_beam = 0;
     if (albedo == 0.0 || photon_chance(p) >= survival) {
-        photon_keep(t, p, batch, k, albedo == 0.0 ? 1.0 : (1.0 - albedo) / (1.0 - survival));
+        photon_keep(t, p, k, albedo == 0.0 ? 1.0 : (1.0 - albedo) / (1.0 - survival));
         return VRTE_ENDS;
     }
     if (survival > albedo)
@@ -558,16 +558,16 @@ static int photon_collide(const vrte_arrays* t, vrte_photon* p, int batch) {
 }
 
 /* Counts a way through a layer at the levels on it. */
-static void photon_pass_levels(const vrte_arrays* t, vrte_photon* p, int batch, double to) {
+static void photon_pass_levels(const vrte_arrays* t, vrte_photon* p, double to) {
     double low = fmin(p->depth, to), high = fmax(p->depth, to);
     for (int k = 2; k < t->n_counted; k++)
         if (t->level_layer[k] == p->layer && t->level_depth[k] >= low && t->level_depth[k] <= high)
-            photon_count(t, p, batch, k);
+            photon_count(t, p, k);
 }
 
 /* Follows a photon to its end, or to where it is parked. The first collision of a beam is at least as likely in each
    layer as `forced`, weights making up for it. */
-static int photon_follow(const vrte_arrays* t, vrte_photon* p, int batch) {
+static int photon_follow(const vrte_arrays* t, vrte_photon* p) {
     for (double event = 0.0; event < t->most_events; event += 1.0) {
         double mu = p->w[2], there = mu > 0.0 ? 0.0 : t->extent[p->layer], to = there;
         double way = fabs((there - p->depth) / mu);
@@ -585,35 +585,35 @@ static int photon_follow(const vrte_arrays* t, vrte_photon* p, int batch) {
             collides = p->path < way;
         if (collides)
             to = p->depth - p->path * mu;
-        photon_pass_levels(t, p, batch, to);
+        photon_pass_levels(t, p, to);
         p->depth = to;
         if (!collides) {
             if (!p->is_beam || t->forced == 0.0)
                 p->path -= way;
-            int was_beam = p->is_beam, verdict = photon_meet_surface(t, p, batch, mu > 0.0 ? p->layer : p->layer + 1);
+            int was_beam = p->is_beam, verdict = photon_meet_surface(t, p, mu > 0.0 ? p->layer : p->layer + 1);
             if (verdict != VRTE_GOES_ON)
                 return verdict;
             if (was_beam && !p->is_beam)
                 p->path = -log(photon_chance(p));
             continue;
         }
-        if (photon_collide(t, p, batch) == VRTE_ENDS)
+        if (photon_collide(t, p) == VRTE_ENDS)
             return VRTE_ENDS;
         p->path = -log(photon_chance(p));
     }
-    t->spent[4 * batch + 1] += p->m[0][0];
+    t->spent[1] += p->m[0][0];
     return VRTE_ENDS;
 }
 
 /* Follows the photons of a batch, from the first surface on, or from where they were parked. */
 static void photon_follow_batch(const vrte_arrays* t, int batch, const int* stop) {
-    int parked = 0, starts = t->n_start > 0 ? t->start_count[batch] : t->photons_each;
+    int parked = 0, starts = t->n_start > 0 ? t->start_count[0] : t->photons_each;
     for (int i = 0; i < starts && !*stop; i++) {
         vrte_photon p;
         double* row;
         memset(&p, 0, sizeof p);
         if (t->n_start > 0) {
-            row = t->starts + ((size_t)batch * t->n_start + i) * VRTE_PARKED;
+            row = t->starts + (size_t)i * VRTE_PARKED;
             memcpy(p.w, row, sizeof p.w);
             memcpy(p.l, row + 3, sizeof p.l);
             memcpy(p.m, row + 6, sizeof p.m);
@@ -633,11 +633,11 @@ static void photon_follow_batch(const vrte_arrays* t, int batch, const int* stop
             p.is_beam = 1;
             p.layer = -1;
             p.path = -log(photon_chance(&p));
-            if (photon_meet_surface(t, &p, batch, 0) == VRTE_ENDS)
+            if (photon_meet_surface(t, &p, 0) == VRTE_ENDS)
                 continue;
         }
-        if (photon_follow(t, &p, batch) == VRTE_PARKS) {
-            row = t->parked + ((size_t)batch * t->n_parked + parked++) * VRTE_PARKED;
+        if (photon_follow(t, &p) == VRTE_PARKS) {
+            row = t->parked + (size_t)(parked++) * VRTE_PARKED;
             memcpy(row, p.w, sizeof p.w);
             memcpy(row + 3, p.l, sizeof p.l);
             memcpy(row + 6, p.m, sizeof p.m);
@@ -646,5 +646,5 @@ static void photon_follow_batch(const vrte_arrays* t, int batch, const int* stop
         }
     }
     if (t->n_parked > 0)
-        t->parked_count[batch] = parked;
+        t->parked_count[0] = parked;
 }

@@ -27,11 +27,6 @@ cdef extern from "core/kernels/in_c.h":
 cdef enum: ARRIVAL = 5 + VRTE_MOMENTS     # doubles of a row that `arrival_of` fills
 
 
-cdef Job reconstruct_job(Arrays* t) noexcept nogil:
-    cdef size_t n = t.n, rows = t.n_out_rows, r = t.n_rhs
-    return Job(t.n_order, 2 * rows * n * t.n_layer + 5 * rows * r + 3 * rows * n + n * r + 2 * n + ARRIVAL * rows, 0)
-
-
 cdef struct Path:
     # what arrives at a depth of a layer from its far face: the layer's modes, the beam's part of them, and directions
     Modes modes
@@ -43,32 +38,24 @@ cdef struct Path:
     double left, far      # optical path over mu; depth of its end below the face that e^(-k x) decays from
 
 
-cdef int reconstruct_one(const void* task, int item, Workspace desk) noexcept nogil:
-    cdef const Arrays* t = <const Arrays*>task
-    cdef int n = t.n, n_layer = t.n_layer, row = t.base_row[item], rows = t.stokes * t.n_out, layer, made
-    cdef size_t nn = <size_t>n * n, nr = <size_t>n * t.n_rhs, room = <size_t>rows * n, size = <size_t>rows * t.n_rhs
-    cdef size_t first = <size_t>item * n_layer
-    cdef doubles g_e = desk.work, g_f = g_e + room * n_layer      # of each layer
-    cdef doubles running = g_f + room * n_layer                   # the field that enters the present layer
+cdef int reconstruct_one(Arrays* t, int item, Workspace desk) noexcept nogil:
+    cdef int n = t.n, n_layer = t.n_layer, row = t.base_row[0], rows = t.n_out_rows, layer
+    cdef size_t nn = <size_t>n * n, room = <size_t>rows * n, size = <size_t>rows * t.n_rhs
     for layer in range(n_layer):
         if made_of(t, layer) == layer:
-            multiply(rows, n, n, 1.0, t.G_E + (first + layer) * room, t.X + (first + layer) * nn, 0.0,
-                     g_e + layer * room)
-            multiply(rows, n, n, 1.0, t.G_F + (first + layer) * room, t.Y + (first + layer) * nn, 0.0,
-                     g_f + layer * room)
+            multiply(rows, n, n, 1.0, t.G_E + layer * room, t.X + layer * nn, 0.0, t.g_e + layer * room)
+            multiply(rows, n, n, 1.0, t.G_F + layer * room, t.Y + layer * nn, 0.0, t.g_f + layer * room)
     # light going up: from the base through the layers
-    set_zero(size, running)
+    set_zero(size, t.running)
     if row >= 0 and t.n_up > 0:
-        product(b"N", b"N", t.stokes * t.n_up, t.n_rhs, n, 1.0, t.base_out + row * room, rows, t.base_down + item * nr,
-                n, 0.0, running, rows)
+        product(b"N", b"N", t.stokes * t.n_up, t.n_rhs, n, 1.0, t.base_out + row * room, rows, t.base_down, n, 0.0,
+                t.running, rows)
     for layer in range(n_layer - 1, -1, -1):
-        made = made_of(t, layer)
-        through_levels(t, item, layer, True, g_e + made * room, g_f + made * room, running)
+        through_levels(t, layer, True)
     # light going down: from the top through the layers
-    set_zero(size, running)
+    set_zero(size, t.running)
     for layer in range(n_layer):
-        made = made_of(t, layer)
-        through_levels(t, item, layer, False, g_e + made * room, g_f + made * room, running)
+        through_levels(t, layer, False)
     return 0
 
 
@@ -77,27 +64,26 @@ cdef inline int made_of(const Arrays* t, int layer) noexcept nogil:
     return layer if t.twin == NULL else t.twin[layer]
 
 
-cdef void through_levels(const Arrays* t, int item, int layer, bint upward, given g_e, given g_f,
-                         doubles running) noexcept nogil:
+cdef void through_levels(const Arrays* t, int layer, bint upward) noexcept nogil:
     """The field at the wanted depths of a layer; `running`, what enters it, becomes what leaves it for the next."""
-    cdef int rows = t.stokes * t.n_out, level, skipped = 0 if upward else t.stokes * t.n_up
-    cdef size_t size = <size_t>rows * t.n_rhs, at = <size_t>item * t.n_layer + layer, nr = <size_t>t.n * t.n_rhs
-    cdef doubles part = running + size, out = t.out + item * t.n_level * size
-    cdef int here = first_layer(t.slab_stack, t.n_layer, item) + layer
-    cdef given levels = t.level + first_layer(t.slab_stack, t.n_level, item)
+    cdef int rows = t.n_out_rows, level, skipped = 0 if upward else t.stokes * t.n_up
+    cdef size_t size = <size_t>rows * t.n_rhs, nr = <size_t>t.n * t.n_rhs
+    cdef size_t made = <size_t>made_of(t, layer) * rows * t.n + skipped
+    cdef int here = first_layer(t.slab_stack, t.n_layer, 0) + layer
+    cdef given levels = t.level + first_layer(t.slab_stack, t.n_level, 0)
     cdef Path path = Path(
-        modes_at(t.n, at, t.lam_re, t.lam_im, t.X, t.Y, t.thickness[here], t.decaying[at]), upward, t.stokes, rows,
-        t.n_up if upward else t.n_out - t.n_up, 0, t.n_rhs, t.n_rhs // t.n_in, g_e + skipped, g_f + skipped,
-        t.c + at * nr, t.zeta + at * nr, t.even + at * nr, t.odd + at * nr, t.mu0, t.mu_out + (0 if upward else t.n_up),
+        modes_at(t.n, layer, t.lam_re, t.lam_im, t.X, t.Y, t.thickness[here], t.decaying[layer]), upward, t.stokes, rows,
+        t.n_up if upward else t.n_out - t.n_up, 0, t.n_rhs, t.n_rhs // t.n_in, t.g_e + made, t.g_f + made,
+        t.c + layer * nr, t.zeta + layer * nr, t.even + layer * nr, t.odd + layer * nr, t.mu0, t.mu_out + (0 if upward else t.n_up),
         t.above[here], 0.0, 0.0, 0.0)
     for level in range(t.n_level):
         if t.level_layer[level] == layer:
             path.depth = levels[level]
-            through_layer(&path, running + skipped, out + level * size + skipped, part + size)
+            through_layer(&path, t.running + skipped, t.out + level * size + skipped, t.work)
     if layer != (0 if upward else t.n_layer - 1):
         path.depth = 0.0 if upward else path.modes.thickness
-        through_layer(&path, running + skipped, part + skipped, part + size)
-        copy(size, part, running)
+        through_layer(&path, t.running + skipped, t.passed_on + skipped, t.work)
+        copy(size, t.passed_on, t.running)
 
 
 # (1:36)-(1:38)
@@ -194,18 +180,13 @@ cdef vrte_arrival arrival_of(int rows, bint upward, bint decaying, double left, 
     return arrival
 
 
-cdef Job real_gains_job(Arrays* t) noexcept nogil:
-    return Job(1, <size_t>ARRIVAL * t.n_row, 0)
-
-
-cdef int real_gains_one(const void* task, int item, Workspace desk) noexcept nogil:
-    cdef const Arrays* t = <const Arrays*>task
+cdef int real_gains_one(Arrays* t, int item, Workspace desk) noexcept nogil:
     cdef int rows = t.n_row
     cdef double left = t.whole_layer - t.depth if t.upward else t.depth
-    copy(rows, t.row_mu, desk.work)
+    copy(rows, t.row_mu, t.work)
     cdef vrte_arrival arrival = arrival_of(rows, t.upward, t.decays, left,
                                            t.depth if t.upward else t.whole_layer - left, t.whole_layer, sqrt(t.lam),
-                                           desk.work)
+                                           t.work)
     vrte_real_gains_best(t.wide)(&arrival, t.lam, t.row_g, t.row_g + rows, t.gains, t.gains + rows, t.gains + 2 * rows)
     return 0
 
@@ -266,22 +247,11 @@ cdef void resonances(const Path* path, doubles out) noexcept nogil:
         j = j + width
 
 
-cdef Job nodal_fluxes_job(Arrays* t) noexcept nogil:
-    return Job(1, (15 + 2 * <size_t>t.n_rhs) * t.n, 0)
-
-
-cdef int nodal_fluxes_one(const void* task, int item, Workspace desk) noexcept nogil:
-    cdef const Arrays* t = <const Arrays*>task
-    fluxes_one(t, t.flux, desk)
-    return 0
-
-
-cdef void fluxes_one(const Arrays* t, doubles out, Workspace desk) noexcept nogil:
-    """Of one order, out (2, n_tau, n_rhs): half the sum, and difference, of what the modes carry through the nodes."""
+cdef int nodal_fluxes_one(Arrays* t, int item, Workspace desk) noexcept nogil:
+    """Half the sum, and difference, of what the modes of one order carry through the nodes."""
     cdef int n = t.n, layer, here, level, r, i, j
     cdef size_t nr = <size_t>n * t.n_rhs, row
-    cdef cplx* profile = <cplx*>desk.work
-    cdef doubles part = desk.work + 12 * n, even_carry = part + n, odd_carry = even_carry + n, at = odd_carry + n
+    cdef doubles even_carry = t.even_carry, odd_carry = t.odd_carry, at = t.at
     cdef double total, difference, weight, depth
     cdef Modes a
     cdef Nodes nodes = nodes_of(t)
@@ -292,7 +262,7 @@ cdef void fluxes_one(const Arrays* t, doubles out, Workspace desk) noexcept nogi
         set_zero(2 * nr, at)
         depth = t.level[first_layer(t.slab_stack, t.n_level, 0) + level]
         coordinates_of(&a, t.n_rhs, t.n_in, t.even + layer * nr, t.odd + layer * nr, t.c + layer * nr,
-                       t.zeta + layer * nr, t.mu0, t.above[here], depth, profile, part, at)
+                       t.zeta + layer * nr, t.mu0, t.above[here], depth, <cplx*>t.profile, t.coordinate, at)
         for j in range(n):
             even_carry[j] = odd_carry[j] = 0.0
             for i in range(nodes.n // nodes.stokes):
@@ -305,8 +275,9 @@ cdef void fluxes_one(const Arrays* t, doubles out, Workspace desk) noexcept nogi
             for j in range(n):
                 total += at[row + j] * even_carry[j]
                 difference += at[nr + row + j] * odd_carry[j]
-            out[level * t.n_rhs + r] = total - difference
-            out[(t.n_level + level) * t.n_rhs + r] = total + difference
+            t.flux[level * t.n_rhs + r] = total - difference
+            t.flux[(t.n_level + level) * t.n_rhs + r] = total + difference
+    return 0
 
 
 cdef void coordinates_of(const Modes* a, int n_rhs, int n_in, given even, given odd, given c, given zeta, given mu0,

@@ -94,7 +94,7 @@ cdef inline int layer_of(given_ints slab_stack, int n_layer, int item) noexcept 
 
 
 # one item of a stage's task; LAPACK's verdict, 0: fine
-ctypedef int (*Kernel)(const void* task, int item, Workspace desk) noexcept nogil
+ctypedef int (*Kernel)(const Arrays* t, int item, Workspace desk) noexcept nogil
 ctypedef Job (*Plan)(Arrays* t) noexcept nogil
 
 

@@ -21,12 +21,7 @@ def series_table(coefficients, int apiece=1):
     return fill_series(coefficients, apiece, apiece * (terms + terms % 2))
 
 
-cdef Job fill_series_job(Arrays* t) noexcept nogil:
-    return Job(1, 0, 0)
-
-
-cdef int fill_series_one(const void* task, int item, Workspace desk) noexcept nogil:
-    cdef const Arrays* t = <const Arrays*>task
+cdef int fill_series_one(Arrays* t, int item, Workspace desk) noexcept nogil:
     cdef int k, apiece = t.apiece, terms = t.n_term // apiece, even = t.n_series // apiece, l, i
     cdef doubles to
     cdef const char* row
@@ -50,12 +45,7 @@ cdef int fill_series_one(const void* task, int item, Workspace desk) noexcept no
     return 0
 
 
-cdef Job sum_elements_job(Arrays* t) noexcept nogil:
-    return Job(1 if t.n_angle > 0 else 0, 0, 0)
-
-
-cdef int sum_elements_one(const void* task, int item, Workspace desk) noexcept nogil:
-    cdef const Arrays* t = <const Arrays*>task
+cdef int sum_elements_one(Arrays* t, int item, Workspace desk) noexcept nogil:
     cdef int terms = t.n_series
     if terms > 0:
         vrte_elements_best(True)(has_intensity_alone(t.table, terms), terms, t.table, t.n_angle, t.cosine,
@@ -63,18 +53,13 @@ cdef int sum_elements_one(const void* task, int item, Workspace desk) noexcept n
     return 0
 
 
-cdef Job path_integrals_job(Arrays* t) noexcept nogil:
-    return Job(t.n_chosen, 0, 0)
-
-
-cdef int path_integrals_one(const void* task, int chosen, Workspace desk) noexcept nogil:
-    cdef const Arrays* t = <const Arrays*>task
-    cdef int n_layer = t.n_layer, at = t.level_layer[t.chosen[chosen]], i, j, layer, row, scene
+cdef int path_integrals_one(Arrays* t, int chosen, Workspace desk) noexcept nogil:
+    cdef int n_layer = t.n_layer, at = t.level_layer[t.chosen[0]], i, j, layer, row, scene
     cdef double depth, length, start, way, rate, rate_in, mu
     cdef doubles out
     for row in range(t.slab_stacks * n_layer):
         scene, layer = row // n_layer, row % n_layer
-        depth = t.level[scene * t.n_level + t.chosen[chosen]]
+        depth = t.level[scene * t.n_level + t.chosen[0]]
         way = path_between(layer, at, depth, t.thickness + scene * n_layer)
         out = t.paths + (<size_t>row * t.n_chosen + chosen) * t.n_in * t.n_mu
         for i in range(t.n_in):
@@ -132,9 +117,8 @@ cdef bint has_intensity_alone(given table, int terms) noexcept nogil:
     return True
 
 
-cdef int add_single_scattering_one(const void* task, int item, Workspace desk) noexcept nogil:
+cdef int add_single_scattering_one(const Arrays* s, int item, Workspace desk) noexcept nogil:
     """All azimuths and depths of one pair of directions; z (column, Stokes, angle)."""
-    cdef const Arrays* s = <const Arrays*>task
     cdef int n_angle = s.n_angle, n_col = s.n_col, n_phi = s.n_phi, n_place = s.n_target, n_level = s.n_level
     cdef int first = 0, n_here = s.last - s.first, t, f, k, i = s.first + item // s.n_mu % n_here
     cdef int terms = s.n_series // (s.slab_stacks * (s.n_mu if s.apiece else 1))
@@ -178,14 +162,9 @@ cdef int add_single_scattering_one(const void* task, int item, Workspace desk) n
     return 0
 
 
-cdef Job see_scattered_job(Arrays* t) noexcept nogil:
-    return Job(<size_t>t.n_in * t.n_seen, 0, 0)
-
-
-cdef int see_scattered_one(const void* task, int item, Workspace desk) noexcept nogil:
+cdef int see_scattered_one(Arrays* t, int item, Workspace desk) noexcept nogil:
     """All azimuths of one pair of directions, four columns at a time."""
-    cdef const Arrays* t = <const Arrays*>task
-    cdef int i = item // t.n_seen, at = item % t.n_seen, n_col = t.n_col, source, f, a, b, c, column, width
+    cdef int i = item // t.n_seen, n_col = t.n_col, source, f, a, b, c, column, width
     cdef size_t first
     cdef double power[16]
     cdef double escape[16]
@@ -199,17 +178,17 @@ cdef int see_scattered_one(const void* task, int item, Workspace desk) noexcept 
             set_zero(16, power)
             for a in range(4):
                 for b in range(4):
-                    escape[4 * a + b] = t.escapes[((<size_t>at * 4 + a) * t.n_source + source) * 4 + b]
+                    escape[4 * a + b] = t.escapes[(<size_t>a * t.n_source + source) * 4 + b]
                 for c in range(width):
                     power[4 * a + c] = t.power[((<size_t>source * t.n_in + i) * 4 + a) * n_col + column + c]
             if largest_of(16, power) == 0.0 or largest_of(16, escape) == 0.0:
                 continue
-            first = (<size_t>t.scatterer_of[source] * t.n_in + i) * t.n_sight + t.sight_of[at]
+            first = (<size_t>t.scatterer_of[source] * t.n_in + i) * t.n_sight + t.sight_of[0]
             for f in range(t.n_phi):
                 one = t.scattered + (first * t.n_phi + f) * 16
                 four_by_four(one, power, light)
                 four_by_four(escape, light, found)
-                seen = t.seen + (<size_t>item * t.n_phi + f) * 4 * n_col + column
+                seen = t.seen + <size_t>f * 4 * n_col + column
                 for a in range(4):
                     for c in range(width):
                         seen[a * n_col + c] += found[4 * a + c]

@@ -96,12 +96,7 @@ def generalized_spherical_functions(int m, int terms, mu):
     return np.ascontiguousarray(spherical_functions(m, cosines, terms).transpose(0, 2, 1))
 
 
-cdef Job spherical_functions_job(Arrays* t) noexcept nogil:
-    return Job(1 if t.n_mu > 0 else 0, 0, 0)
-
-
-cdef int spherical_functions_one(const void* task, int item, Workspace desk) noexcept nogil:
-    cdef const Arrays* t = <const Arrays*>task
+cdef int spherical_functions_one(Arrays* t, int item, Workspace desk) noexcept nogil:
     spherical(t.order, t.n_term, True, t.mu, t.n_mu, t.functions)
     return 0
 

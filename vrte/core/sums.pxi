@@ -57,9 +57,8 @@ cdef inline double kernel_at(const Arrays* t, const char* here, int order, int c
                             + component * t.kernels_strides[5]))[0]
 
 
-cdef int azimuthal_sum_one(const void* task, int item, Workspace desk) noexcept nogil:
+cdef int azimuthal_sum_one(const Arrays* t, int item, Workspace desk) noexcept nogil:
     """Some outgoing directions of one incident direction and one level."""
-    cdef const Arrays* t = <const Arrays*>task
     cdef Entries e
     list_entries(t, &e)
     cdef int n_order = t.n_order, n_angle = t.n_angle, n_phi = t.n_phi, n_place = t.n_target
