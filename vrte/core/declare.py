@@ -98,15 +98,15 @@ class Declarations:
         lines = [line for line in self.stages[stage].get("scratch", "").splitlines() if line]
         found = [re.fullmatch(r"(int )?(\w+) = ([^#]*?)(?:  # .*)?", line) for line in lines]
         assert all(found), f"{stage}: {lines}"
-        return [((each[1] or "double").strip(), each[2], self.read_sizes(each[3], "t")) for each in found if each]
+        return [((each[1] or "double").strip(), each[2], self.read_sizes(each[3])) for each in found if each]
 
-    def read_sizes(self, expression: str, of: str) -> str:
-        return re.sub(r"\w+", lambda m: f"<size_t>{of}.{m[0]}" if m[0] in self.sizes else m[0], expression)
+    def read_sizes(self, expression: str) -> str:
+        return re.sub(r"\w+", lambda m: f"<size_t>t.{m[0]}" if m[0] in self.sizes else m[0], expression)
 
     def write_item(self, name: str) -> str:
-        """What a stage does with an item: arrays begin where the item has its part of them, scratch memory is its own."""
+        """What a stage does with an item: arrays begin where the item has its part, scratch memory is the thread's."""
         items, arguments = self.stages[name]["items"].split(), self.arguments[name]
-        count = " * ".join(self.read_sizes(each, "t") for each in items) or "1"
+        count = " * ".join(map(self.read_sizes, items)) or "1"
         scratch = self.list_scratch(name)
         doubles, ints = (
             " + ".join(size for form, _, size in scratch if form == kind) or "0" for kind in ("double", "int")
@@ -120,16 +120,10 @@ class Declarations:
         for each in arguments:
             if each.form not in ("double", "int", "complex") or not each.dims or each.dims[0] not in index:
                 continue
-            place, dims = "0", list(each.dims)
-            while dims and dims[0] in index:
-                place = (
-                    f"({place} * {self.read_sizes(dims[0], 't')} + {index[dims[0]]})"
-                    if place != "0"
-                    else index[dims[0]]
-                )
-                dims.pop(0)
-            dims += ["2"] * (each.form == "complex")
-            step = " * ".join([f"<size_t>{place}", *(self.read_sizes(size, "t") for size in dims)])
+            place, dims = "0", each.dims + ["2"] * (each.form == "complex")
+            while dims[0:1] and dims[0] in index:
+                place, dims = f"({place} * {self.read_sizes(dims[0])} + {index[dims[0]]})", dims[1:]
+            step = " * ".join([f"<size_t>{place}", *map(self.read_sizes, dims)])
             known = f" if t.{each.name} != NULL else NULL" if each.mark else ""
             lines.append(f"own.{each.name} = t.{each.name} + {step}{known}")
         for kind, memory in (("double", "desk.work"), ("int", "desk.pivots")):

@@ -28,8 +28,8 @@ cdef int double_slabs_one(Arrays* d, int item, Workspace desk) noexcept nogil:
         slants(d.slant_nodes, material, d.n_node, d.nodes),
         extended_at(s, memory), extended_at(s, memory + each), extended_at(s, memory + 2 * each),
         extended_at(s, memory + 3 * each), extended_at(s, memory + 4 * each), extended_at(s, memory + 5 * each),
-        extended_at(s, memory + 6 * each), extended_at(s, memory + 7 * each), extended_at(s, d.R), extended_at(s, d.T), d.v,
-        Workspace(NULL, d.pivots, desk.stop))
+        extended_at(s, memory + 6 * each), extended_at(s, memory + 7 * each), extended_at(s, d.R), extended_at(s, d.T),
+        d.v, Workspace(NULL, d.pivots, desk.stop))
     set_zero(each, w.r.N)
     set_zero(each, w.t.N)
     set_zero(n, lost)

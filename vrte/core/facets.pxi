@@ -99,9 +99,8 @@ cdef int facet_orders_one(Arrays* f, int item, Workspace desk) noexcept nogil:
 
 
 cdef void add_azimuth(const Arrays* f, double sh, double ch, const double (*z)[4], int* count) noexcept nogil:
-    """Adds z, weighed, at an azimuth whose half has the sine sh and the cosine ch, to samples (azimuth, 8) of the blocks
-    with cos and of those with sin; when there are as many as there is room for, they are added up, of which `count`
-    tells."""
+    """Adds z, weighed, at an azimuth whose half has the sine sh and the cosine ch, to samples (azimuth, 8) of the
+    blocks with cos and of those with sin; as many as there is room for are added up."""
     cdef doubles even = f.even_samples + 8 * count[0], odd = f.odd_samples + 8 * count[0]
     cdef int r
     for r in range(2):

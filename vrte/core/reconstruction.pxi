@@ -72,10 +72,10 @@ cdef void through_levels(const Arrays* t, int layer, bint upward) noexcept nogil
     cdef int here = first_layer(t.slab_stack, t.n_layer, 0) + layer
     cdef given levels = t.level + first_layer(t.slab_stack, t.n_level, 0)
     cdef Path path = Path(
-        modes_at(t.n, layer, t.lam_re, t.lam_im, t.X, t.Y, t.thickness[here], t.decaying[layer]), upward, t.stokes, rows,
-        t.n_up if upward else t.n_out - t.n_up, 0, t.n_rhs, t.n_rhs // t.n_in, t.g_e + made, t.g_f + made,
-        t.c + layer * nr, t.zeta + layer * nr, t.even + layer * nr, t.odd + layer * nr, t.mu0, t.mu_out + (0 if upward else t.n_up),
-        t.above[here], 0.0, 0.0, 0.0)
+        modes_at(t.n, layer, t.lam_re, t.lam_im, t.X, t.Y, t.thickness[here], t.decaying[layer]), upward, t.stokes,
+        rows, t.n_up if upward else t.n_out - t.n_up, 0, t.n_rhs, t.n_rhs // t.n_in, t.g_e + made, t.g_f + made,
+        t.c + layer * nr, t.zeta + layer * nr, t.even + layer * nr, t.odd + layer * nr, t.mu0,
+        t.mu_out + (0 if upward else t.n_up), t.above[here], 0.0, 0.0, 0.0)
     for level in range(t.n_level):
         if t.level_layer[level] == layer:
             path.depth = levels[level]

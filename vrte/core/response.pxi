@@ -33,6 +33,7 @@ cdef double begin_beams(Slab* slab, const Arrays* t, int first) noexcept nogil:
 cdef int respond_one(Arrays* t, int item, Workspace desk) noexcept nogil:
     cdef int n = t.n, info, i
     cdef size_t nn = <size_t>n * n, nr = <size_t>n * t.n_rhs
+    cdef double light
     cdef Slab slab = lit_slab(t)
     slab.R, slab.T, slab.up, slab.down = t.nodes, t.nodes + nn, t.entering, t.entering + nr
     set_zero(2 * nn, slab.R)
@@ -40,7 +41,8 @@ cdef int respond_one(Arrays* t, int item, Workspace desk) noexcept nogil:
     t.residual[0] = 0.0
     if is_clear(t):
         for i in range(n):
-            slab.T[<size_t>i * n + i] = exp(-t.thickness[0] * sqrt(slab.modes.lam_re[i])) if t.thickness[0] > 0.0 else 1.0
+            light = exp(-t.thickness[0] * sqrt(slab.modes.lam_re[i])) if t.thickness[0] > 0.0 else 1.0
+            slab.T[<size_t>i * n + i] = light
         return 0
     info = slab_systems(&slab, t.scratch, t.spare)
     if info == 0:
