@@ -128,6 +128,9 @@ ORDINATES = list_faults(
      "differences of nearly equal numbers are divided", "derivatives"),
     ("derivative-net", "discrete_ordinates/derivatives/slab_stack.py", "\nALLOWED = 1e-9", "\nALLOWED = 1e9",
      "derivatives by modes without digits are taken", "derivatives_api"),
+    ("moved-nodes", "discrete_ordinates/derivatives/slab_stack.py",
+     "nodes=other.problem.nodes, weights=other.problem.weights", "nodes=one.nodes, weights=one.weights",
+     "nodes stay where they are as a refractive index moves them", "derivatives"),
 )  # fmt: skip
 
 METHODS = list_faults(

@@ -7,8 +7,8 @@ forward and backward scattering, where the textbook form loses l^2 of them.
 
 import itertools
 import math
-from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -211,6 +211,15 @@ class RefractedNodes:
         cosines = np.sqrt((index - highest) * (index + highest) + depth) / index
         return cosines, self.measure[here] / (index * index * cosines)
 
+    def move(self, indices: Mapping[float, float]) -> "RefractedNodes":
+        """The same nodes, as many a panel, of media whose indices became others."""
+        moved = {0.0: 0.0, math.inf: math.inf} | dict(indices)
+        panels = [
+            (first, last, replace(one, low=moved[one.low], high=moved[one.high], above=moved[one.above]))
+            for first, last, one in self.panels
+        ]
+        return lay_nodes(panels, self.measure.size)
+
 
 def count_panel_nodes(indices: Iterable[float], nodes: int, layers: Collection[float] | None = None) -> list[int]:
     """How many of the nodes of the densest medium each panel of `make_refracted_nodes` has, from the lowest index: that
@@ -237,14 +246,21 @@ def make_refracted_nodes(
     """
     indices = list(indices)
     edges, counts = sorted(set(indices)), count_panel_nodes(indices, nodes, layers)
-    rows, panels, first = [], [], 0
+    panels, first = [], 0
     parts = zip([(0.0, edges[0]), *itertools.pairwise(edges)], [*edges[1:], math.inf], counts, strict=True)
     for (low, high), above, count in reversed(list(parts)):
-        x, weights = make_double_gauss(count)
         panel = Panel(low, high, above, grading if layers is None or high in layers else 1)
-        depth, rate = panel.spread(x)
-        rows.append((np.full(count, high), depth, weights * rate))
         panels.append((first, first + count, panel))
         first += count
-    highest, depths, measure = map(np.concatenate, zip(*rows, strict=True))
+    return lay_nodes(panels, first)
+
+
+def lay_nodes(panels: Sequence[tuple[int, int, Panel]], count: int) -> RefractedNodes:
+    """The first so many nodes of panels, each with its first and last + 1 node."""
+    rows = []
+    for first, last, panel in panels:
+        x, weights = make_double_gauss(last - first)
+        depth, rate = panel.spread(x)
+        rows.append((np.full(x.size, panel.high), depth, weights * rate))
+    highest, depths, measure = (np.concatenate(each)[:count] for each in zip(*rows, strict=True))
     return RefractedNodes(highest, depths, measure, tuple(panels))

@@ -13,6 +13,7 @@ from vrte.basics.differences import FARTHEST, STEP, sample_around
 from vrte.basics.errors import AccuracyError, SceneError
 from vrte.basics.memory import check_bytes
 from vrte.basics.running import Progress, Run, run_interruptible, share_progress
+from vrte.discrete_ordinates.derivatives.changes import find_whole_step
 from vrte.discrete_ordinates.derivatives.differentiate import differentiate_plan, find_gap
 from vrte.discrete_ordinates.orders.discretise import place_levels
 from vrte.discrete_ordinates.planning.operations import count_operations_of_derivatives, count_operations_of_plan
@@ -23,7 +24,7 @@ from vrte.methods.discrete_ordinates import solve_plans
 from vrte.request.how import EXACT
 from vrte.request.request import Request
 from vrte.results.result import Solution
-from vrte.scene.scene import LEAST_STEP, Scene
+from vrte.scene.scene import Scene
 from vrte.scene.vary import Variation, measure_base_rate, move_scene, turn_variation, vary_scene
 
 FINEST = 1e-14  # accuracy of each solve: what is left out, and iterates, would show in the differences
@@ -65,27 +66,10 @@ def sample_scenes(request: Request, variation: Variation, beams: bool = False) -
     # over the nodes as long as nothing is added to them
     facets = any(part.facets is not None for _, part in variation.base)
     if variation.scene_at is not None and (variation.is_outside or facets):
-        return sample_around(variation.scene_at, variation.value, find_whole_step(request, variation))
+        return sample_around(
+            variation.scene_at, variation.value, find_whole_step(request.scene, variation, find_lowest_cosine(request))
+        )
     return sample_around(lambda at: move_scene(request.scene, variation, at), 0.0, find_step(request, variation, beams))
-
-
-def find_whole_step(request: Request, variation: Variation) -> float:
-    """The step of the number itself: a small part of it, and of differences and bends of the media that it moves."""
-    assert variation.scene_at is not None
-    step = STEP * (abs(variation.value) or 1.0)
-    media = np.array(request.scene.media)
-    outside, lowest = media[0], find_lowest_cosine(request)
-    for way in (step, -step):
-        try:
-            after = np.array(variation.scene_at(variation.value + way).media)
-        except SceneError:  # a bound, or too far already: steps from there on say which
-            continue
-        bent = np.abs(media**2 - outside**2 * (1.0 - lowest**2)) / (2.0 * media)
-        room = np.concatenate([np.abs(np.diff(media)), np.maximum(bent, 4.0 * LEAST_STEP / STEP)])
-        moved = np.abs(np.concatenate([np.diff(after - media), after - media - (after[0] - outside)]))
-        close = (moved > 0.0) & (room > 0.0)
-        return float(min(step, (step * STEP * room[close] / moved[close]).min(initial=np.inf)))
-    return step
 
 
 def plan_batch(plan: Plan, scene: Scene, run: Run) -> Plan:

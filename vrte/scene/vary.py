@@ -52,8 +52,8 @@ class Variation:
     scene_at
         The scene as a function of p, where that is known.
     is_outside
-        Whether p moves more than layers and base: a refractive index of a medium, a surface. Derivatives then come from
-        differences of whole solves of ``scene_at``.
+        Whether p moves more than layers and base: a refractive index of a medium, a surface. Surfaces, media and base
+        are then those of ``scene_at``.
 
     Raises
     ------

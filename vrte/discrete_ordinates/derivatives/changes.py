@@ -1,22 +1,26 @@
 """What a variation changes of a discrete problem: its truncated layers, the pieces they are cut into, its beams."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
 from vrte.basics.arrays import Array, record
-from vrte.basics.differences import sample_around
+from vrte.basics.differences import STEP, sample_around
+from vrte.basics.errors import SceneError
 from vrte.discrete_ordinates.orders.beam_paths import BeamPaths
-from vrte.discrete_ordinates.orders.media import Cut, find_beams, take_escapes, trace_sights
+from vrte.discrete_ordinates.orders.media import Cut, Media, find_beams, take_escapes, trace_sights
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.optics.truncation import expand_peak
 from vrte.scene.beams import Passing
-from vrte.scene.interface import Interface
-from vrte.scene.scene import Scene
-from vrte.scene.vary import BASE_STEP, LEAST_SCALE, Variation
+from vrte.scene.boundary import Boundary
+from vrte.scene.scene import LEAST_STEP, Scene, build_like
+from vrte.scene.vary import Variation
 
-STEP = 1e-40  # imaginary step of a thickness (complex-step derivative): no difference is taken, no digit is lost
+IMAGINARY = 1e-40  # imaginary step of a thickness (complex-step derivative): no difference is taken, no digit is lost
+NEAR = 2.0**-6  # of the step of a whole solve's differences: the error of two points is then 1e-10
+TWO_POINTS = ({-1: -0.5, 1: 0.5}, {0: -1.5, 1: 2.0, 2: -0.5})
 FAR = 1e300  # optical thickness that stands for a semi-infinite layer
 
 
@@ -65,29 +69,34 @@ def change_layer(problem: Problem, scene: Scene, k: int, variation: Variation, c
     return LayerChange(finite, d_stretch, d_gain, d_own * cut + own * d_cut, whole)
 
 
-ChangedInterfaces = Mapping[int, tuple[tuple[float, Interface], ...]]
+Moved = tuple[tuple[float, Media], ...]
 
 
 @record
 class Change:
     """A variation as the stack of a `BeamPaths` meets it: its layers; the pieces' thickness (piece,); the beams, as
-    `Passing` of Mueller matrices, None where no thickness changes; by number the rough interfaces whose weighted sums
-    are the derivatives of those that change."""
+    `Passing` of Mueller matrices, None where no thickness changes; media and interfaces a step away, whose weighted
+    operators are the derivatives with all that is no layer."""
 
     variation: Variation
     layers: tuple[LayerChange, ...]
     pieces: Array
     beams: Passing | None
-    interfaces: ChangedInterfaces
+    moved: Moved
 
     @property
     def scatters(self) -> list[bool]:
         """Whether the scattering of each layer changes."""
         return [bool(layer.scattering.any()) for layer in self.layers]
 
+    @property
+    def base(self) -> Sequence[tuple[float, Boundary]]:
+        """Weighted boundaries whose sum is the base's derivative; none where surfaces move, and the base with them."""
+        return () if self.moved else [(weight, boundary) for weight, boundary in self.variation.base if weight]
+
 
 def find_changes(
-    beam_paths: BeamPaths, variations: Sequence[Variation], carried: int, sources: Array
+    beam_paths: BeamPaths, scene: Scene, variations: Sequence[Variation], carried: int, sources: Array
 ) -> list[tuple[Change, Array | None]]:
     """What each variation changes of a stack, and of what is seen of light that sets out along the sights from
     ``sources`` (source, 2), as `find_escapes` has it; None where no thickness changes. All beams go together."""
@@ -103,37 +112,97 @@ def find_changes(
     if moved:
         cut = stretch_pieces(beam_paths.cut, np.stack([pieces[k] for k in moved]))
         _, passing = find_beams(media, cut, problem.mu0)
-        each = [np.split(part.imag / STEP, len(moved), axis=1) for part in vars(passing).values()]
+        each = [np.split(part.imag / IMAGINARY, len(moved), axis=1) for part in vars(passing).values()]
         beams = {k: Passing(*parts) for k, *parts in zip(moved, *each, strict=True)}
-        traced = trace_sights(media, cut, sights.cosines).imag / STEP
+        traced = trace_sights(media, cut, sights.cosines).imag / IMAGINARY
         escapes = {
             k: take_escapes(part, sights, problem.n_up, list(ALL), sources)
             for k, part in zip(moved, np.split(traced, len(moved), axis=4), strict=True)
         }
-    facets = [list_changed_interfaces(media.scene, one) or {} for one in variations]
+    lowest = find_lowest(problem)
+    surfaces = [move_media(media, sample_surfaces(scene, one, lowest)) for one in variations]
     return [
-        (Change(one, layers[k], pieces[k], beams.get(k), facets[k]), escapes.get(k)) for k, one in enumerate(variations)
+        (Change(one, layers[k], pieces[k], beams.get(k), surfaces[k]), escapes.get(k))
+        for k, one in enumerate(variations)
     ]
 
 
-def list_changed_interfaces(scene: Scene, variation: Variation) -> ChangedInterfaces | None:
-    """By number, weights and rough interfaces whose weighted sums are the derivatives of those that change with what is
-    neither layer nor base; None where more changes: a medium, or what is smooth."""
-    if not variation.is_outside:
-        return {}
+def moves_surfaces(variation: Variation) -> bool:
+    """Whether a variation moves media or surfaces, a base that mirrors beams among them."""
+    mirrors = any(boundary.keeps_beams for weight, boundary in variation.base if weight)
+    return variation.is_outside or (mirrors and variation.scene_at is not None)
+
+
+def find_lowest(problem: Problem) -> float:
+    """The lowest cosine of a problem's beams and outgoing directions."""
+    return float(min(problem.mu0.min(), problem.mu_out.min(initial=1.0)))
+
+
+@lru_cache(maxsize=32)
+def sample_surfaces(scene: Scene, variation: Variation, lowest: float) -> tuple[tuple[float, Scene], ...]:
+    """Weights and scenes around one, if a variation moves its surfaces; ``lowest`` as of `find_whole_step`."""
+    if not moves_surfaces(variation):
+        return ()
     assert variation.scene_at is not None
-    step = BASE_STEP * max(abs(variation.value), LEAST_SCALE)
-    scenes = sample_around(variation.scene_at, variation.value, step)
-    found: dict[int, tuple[tuple[float, Interface], ...]] = {}
-    for k, own in enumerate(scene.interfaces):
-        others = [(weight, one.interfaces[k]) for weight, one in scenes]
-        if all(other == own for _, other in others):
+    step = NEAR * find_whole_step(scene, variation, lowest)
+    return tuple(sample_around(variation.scene_at, variation.value, step, TWO_POINTS))
+
+
+def find_whole_step(scene: Scene, variation: Variation, lowest: float) -> float:
+    """How far to go with the number itself: a small share of it, of what two media that it moves differ by, and of what
+    bends the light of the flattest direction, of cosine ``lowest``, along a medium that it moves."""
+    assert variation.scene_at is not None
+    step = STEP * (abs(variation.value) or 1.0)
+    media = np.array(scene.media)
+    outside = media[0]
+    for way in (step, -step):
+        try:
+            after = np.array(variation.scene_at(variation.value + way).media)
+        except SceneError:  # a bound, or too far already: steps from there on say which
             continue
-        rough = tuple((weight, other) for weight, other in others if other is not None and not other.is_smooth)
-        if own is None or own.is_smooth or len(rough) < len(others):
-            return None
-        found[k] = rough
-    return found if all(one.media == scene.media for _, one in scenes) else None
+        bent = np.abs(media**2 - outside**2 * (1.0 - lowest**2)) / (2.0 * media)
+        room = np.concatenate([np.abs(np.diff(media)), np.maximum(bent, 4.0 * LEAST_STEP / STEP)])
+        moved = np.abs(np.concatenate([np.diff(after - media), after - media - (after[0] - outside)]))
+        close = (moved > 0.0) & (room > 0.0)
+        return float(min(step, (step * STEP * room[close] / moved[close]).min(initial=np.inf)))
+    return step
+
+
+def find_surface_gap(scene: Scene, variation: Variation, lowest: float) -> str | None:
+    """Why samples of surfaces do not tell how a scene changes; None where they do."""
+    try:
+        samples = sample_surfaces(scene, variation, lowest)
+    except SceneError:
+        return "two media of one index part, or a bound is near"
+    below = scene.below
+    for _, one in samples:
+        if [kind and kind.is_smooth for kind in one.interfaces] != [
+            kind and kind.is_smooth for kind in scene.interfaces
+        ]:
+            return "an interface comes or goes"
+        if len({*zip(scene.media, one.media, strict=True)}) > len({*scene.media}):
+            return "two media of one index part, or a bound is near"
+        if (one.below.orders_reflected, one.below.mixes_stokes) != (below.orders_reflected, below.mixes_stokes):
+            return "the base becomes another one"
+    return None
+
+
+def move_media(media: Media, samples: Sequence[tuple[float, Scene]]) -> Moved:
+    """Media whose surfaces are those of weighted scenes, their layers the same."""
+    own, found = media.scene, []
+    for weight, scene in samples:
+        layers = [layer.put_in_medium(index) for layer, index in zip(own.layers, scene.media[1:], strict=False)]
+        base, surfaces = None if own.base is None else scene.base, scene.interfaces[: len(layers) + 1]
+        moved = build_like(own, layers, base, surfaces)
+        nodes = media.nodes.move(dict(zip(own.media, moved.media, strict=True)))
+        found.append((weight, Media(moved, nodes, media.depths, media.oriented)))
+    return tuple(found)
+
+
+def move_problem(problem: Problem, media: Media) -> Problem:
+    """A problem in other media."""
+    nodes, weights = media.nodes.carried(max(media.scene.media))
+    return replace(problem, media=media, nodes=nodes, weights=weights)
 
 
 def change_pieces(beam_paths: BeamPaths, variation: Variation, layers: tuple[LayerChange, ...]) -> Array:
@@ -165,4 +234,4 @@ def find_albedo(beam_paths: BeamPaths) -> Array:
 def stretch_pieces(cut: Cut, pieces: Array) -> Cut:
     """The pieces with what changes of them, pieces (several, piece), as an imaginary part."""
     finite = np.where(np.isinf(cut.thickness), FAR, cut.thickness)
-    return replace(cut, thickness=finite[:, None] + 1j * STEP * pieces.T)
+    return replace(cut, thickness=finite[:, None] + 1j * IMAGINARY * pieces.T)

@@ -1,7 +1,7 @@
 """Derivatives of what a plan asks for, one for each variation: orders, light scattered once, and fluxes."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -11,24 +11,38 @@ from vrte.basics.arrays import Array, IntArray
 from vrte.basics.errors import SceneError
 from vrte.basics.quadrature import make_refracted_nodes
 from vrte.basics.running import Progress, Run
-from vrte.discrete_ordinates.derivatives.changes import Change, change_layer, find_changes, list_changed_interfaces
+from vrte.discrete_ordinates.derivatives.changes import (
+    Change,
+    change_layer,
+    find_changes,
+    find_lowest,
+    find_surface_gap,
+    move_problem,
+    moves_surfaces,
+)
 from vrte.discrete_ordinates.derivatives.once import OnceScattered
 from vrte.discrete_ordinates.derivatives.semi_infinite import change_semi_infinite
 from vrte.discrete_ordinates.derivatives.slab_stack import ChangedOrders, Differentiating
 from vrte.discrete_ordinates.execution.carry_out import make_target
 from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR, choose_threads
-from vrte.discrete_ordinates.execution.sums import Light, Share, make_parts
-from vrte.discrete_ordinates.execution.through_interfaces import Scatter, Vertex, show_scattered
+from vrte.discrete_ordinates.execution.sums import Light, Part, Share, make_parts
+from vrte.discrete_ordinates.execution.through_interfaces import (
+    Scatter,
+    Vertex,
+    list_vertices,
+    show_scattered,
+    show_vertices,
+)
 from vrte.discrete_ordinates.orders.beam_paths import BeamPaths
 from vrte.discrete_ordinates.orders.invariance import find_allowed_residuals
-from vrte.discrete_ordinates.orders.media import LEAVING, Media, find_escapes
+from vrte.discrete_ordinates.orders.media import LEAVING, Media, find_beams, find_escapes
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.skip_flags import EVERYTHING
 from vrte.discrete_ordinates.orders.truncating import count_terms_carried
 from vrte.discrete_ordinates.planning.blocks import Block
 from vrte.discrete_ordinates.planning.order_bounds import list_stokes_sets
 from vrte.discrete_ordinates.planning.plan import Plan, make_plan, split_by_polarization
-from vrte.request.request import find_under
+from vrte.request.request import Wanted, find_under
 from vrte.results.result import Solution
 from vrte.scene.beams import locate_depths
 from vrte.scene.boundary import BLACK
@@ -43,15 +57,15 @@ def find_gap(plan: Plan, variation: Variation) -> str | None:
     scene = plan.request.scene
     if plan.request.illuminate == "bottom":
         variation = turn_variation(variation)
-    if variation.is_outside and list_changed_interfaces(scene, variation) is None:
-        return "it moves a smooth surface or the refractive index of a medium"
     if scene.has_flakes:
         return "layers hold oriented flakes"
+    if words := find_surface_gap(scene, variation, find_lowest(plan.problem)):
+        return words
     if find_spread(plan):
         return "light of the forward peak is separated"
-    if any(boundary.keeps_beams for weight, boundary in variation.base if weight):
+    if any(boundary.keeps_beams for weight, boundary in variation.base if weight) and not moves_surfaces(variation):
         return "the base mirrors beams"
-    if variation.base and not scene.below.orders_reflected:
+    if variation.base and not moves_surfaces(variation) and not scene.below.orders_reflected:
         return "the base is black"
     if any(has_more_terms(part, variation) for part in plan.parts or (plan,)):
         return "its coefficients go beyond the last of the scene's"
@@ -258,7 +272,8 @@ class Routes:
             whole = replace(problem, stokes=ALL, columns=self.problem.columns)
             beam_paths = BeamPaths(whole, BLACK, 1, 1.0)
             sources = list_all_sources(beam_paths)
-            self.known[problem.media] = beam_paths, find_changes(beam_paths, self.variations, self.carried, sources)
+            given = self.plan.request.scene, self.variations, self.carried, sources
+            self.known[problem.media] = beam_paths, find_changes(beam_paths, *given)
         return self.known[problem.media]
 
 
@@ -310,16 +325,26 @@ def add_up_all(routes: Routes, lights: list[list[Light]], run: Run) -> list[list
             add_orders(Share(part, 0, wanted.scale.size))
         for vertex in once.differentiate(*change):
             scattered.setdefault(vertex.scatter, []).append((k, vertex))
-    scale = wanted.scale[:, None, None, None]
-    for scatter, vertices in scattered.items():
+        for weight, moved in change[0].moved:
+            one = move_problem(replace(problem, stokes=ALL), moved)
+            own_sights, vertices = list_vertices(one, moved.scene.below, target.azimuths, run)
+            for part in parts[-1]:
+                given = own_sights, vertices, problem.n_up, part.levels, part.rows, 0, wanted.scale.size
+                put_light(part, wanted, weight, show_vertices(*given))
+    for scatter, pairs in scattered.items():
         found = scatter(0, wanted.scale.size)
-        for k, vertex in vertices:
+        for k, vertex in pairs:
             for part in parts[k]:
                 seen = show_scattered(sights, vertex, found, problem.n_up, part.levels, part.rows)
-                for t, light in seen:
-                    for column, at in enumerate(wanted.place.tolist()):
-                        part.values[t, ..., at] += scale * light[..., column]
+                put_light(part, wanted, 1.0, seen)
     return [[part.values for part in some] for some in parts]
+
+
+def put_light(part: Part, wanted: Wanted, weight: float, seen: Iterable[tuple[int, Array]]) -> None:
+    """Adds weighted light of some levels (n_in, n_row, n_phi, 4, n_col) to a part of what is wanted."""
+    for t, light in seen:
+        for column, at in enumerate(wanted.place.tolist()):
+            part.values[t, ..., at] += weight * wanted.scale[:, None, None, None] * light[..., column]
 
 
 def find_carried(plan: Plan) -> int:
@@ -367,14 +392,15 @@ def change_peak_fluxes(routes: Routes) -> Array:
         level=problem.level / stretch[problem.level_layer],
     )
     straight = BeamPaths(true, BLACK, 1, 1.0)
-    others = find_changes(straight, routes.variations, routes.carried, list_all_sources(straight))
+    given = routes.plan.request.scene, routes.variations, routes.carried, list_all_sources(straight)
+    others = find_changes(straight, *given)
     for one, changes, sign in ((beam_paths, known, 1.0), (straight, others, -1.0)):
         for k, (change, _) in enumerate(changes):
-            if change.beams is None:
-                continue
-            beams = change.beams
-            for t, (at, under) in enumerate(zip(one.cut.at.tolist(), one.media.depths.under.tolist(), strict=True)):
-                ways = (beams.rising, beams.entering) if under else (beams.leaving, beams.arriving)
-                light = np.stack([way[at, :, 0] for way in ways]) @ problem.columns.T
-                found[k, :, t] += sign * light * problem.mu0[:, None]
+            weighted = [] if change.beams is None else [(sign, change.beams)]
+            weighted += [(sign * weight, find_beams(media, one.cut, problem.mu0)[1]) for weight, media in change.moved]
+            for weight, beams in weighted:
+                for t, (at, under) in enumerate(zip(one.cut.at.tolist(), one.media.depths.under.tolist(), strict=True)):
+                    ways = (beams.rising, beams.entering) if under else (beams.leaving, beams.arriving)
+                    light = np.stack([way[at, :, 0] for way in ways]) @ problem.columns.T
+                    found[k, :, t] += weight * light * problem.mu0[:, None]
     return found

@@ -24,7 +24,6 @@ from vrte.discrete_ordinates.orders.single_scattering import integrate_slab_path
 from vrte.discrete_ordinates.planning.azimuths import Azimuths
 from vrte.scene.beams import Passing
 from vrte.scene.boundary import Boundary
-from vrte.scene.interface import Interface
 
 
 @record
@@ -74,11 +73,7 @@ class OnceScattered:
                 scatter = self.make_scatterer(pieces, way, gain * path)
                 bend = Bend(scatter, partial(pick_at_pieces, pieces=pieces), sources, of)
                 self.pieces.append((bend, pieces, way, path))
-        self.surfaces = [
-            bend
-            for index in beam_paths.rough
-            for bend in self.bend_on_facets(index, ((1.0, beam_paths.find_interface(index)),))
-        ]
+        self.surfaces = [bend for index in beam_paths.rough for bend in self.bend_on_facets(index)]
         if base.orders_reflected:
             self.surfaces.append(self.reflect(base))
 
@@ -101,14 +96,14 @@ class OnceScattered:
             make_base_reflector(base, one.media, one.into, one.sights, self.azimuths), "arriving", -1, -1
         )
 
-    def bend_on_facets(self, index: int, weighted: Sequence[tuple[float, Interface]]) -> Iterator[Bend]:
-        """The beams that facets turn at an interface of the pieces, as a weighted sum of rough ones does."""
+    def bend_on_facets(self, index: int) -> Iterator[Bend]:
+        """The beams that facets turn at an interface of the pieces."""
         one, number = self.beam_paths, int(self.beam_paths.cut.interface[index])
         for side, transmitted in itertools.product((0, 1), (False, True)):
             given = one.media, number, side, transmitted, one.into, one.sights, self.azimuths
-            parts = [(weight, make_facet_scatterer(each, *given)) for weight, each in weighted]
+            scatter = make_facet_scatterer(one.find_interface(index), *given)
             source = 2 * (one.cut.layer.size + one.rough.index(index)) + (side ^ transmitted)
-            yield make_surface_bend(partial(add_scattered, parts), ("arriving", "rising")[side], index, source)
+            yield make_surface_bend(scatter, ("arriving", "rising")[side], index, source)
 
     def find_power(self, light: Array) -> Array:
         """Power (source, n_in, 4, n_col) of beams (source, n_in, 4, 4)."""
@@ -133,12 +128,8 @@ class OnceScattered:
                 )
                 lights = [(self.find_power(bend.pick(beams)[here]), self.escapes[:, :, :, own.sources])]
                 yield from own.make_vertex(lights, scatter)
-        for number, weighted in change.interfaces.items():
-            index = self.beam_paths.cut.interface.tolist().index(number)
-            for bend in self.bend_on_facets(index, weighted):
-                yield from bend.make_vertex([(self.find_power(bend.pick(beams)), self.escapes[:, :, :, bend.sources])])
-        for weight, boundary in change.variation.base:
-            if boundary.orders_reflected and weight:
+        for weight, boundary in change.base:
+            if boundary.orders_reflected:
                 own = self.reflect(boundary)
                 power = weight * self.find_power(own.pick(beams))
                 yield from own.make_vertex([(power, self.escapes[:, :, :, own.sources])])
@@ -169,11 +160,6 @@ class OnceScattered:
 def pick_at_pieces(beams: Passing, pieces: IntArray) -> Array:
     """Beams that come into pieces from above, then from below, (2 piece, n_in, 4, 4)."""
     return np.concatenate([beams.entering[pieces], beams.leaving[pieces + 1]])
-
-
-def add_scattered(parts: Sequence[tuple[float, Scatter]], first: int, last: int) -> Array:
-    """What scatterers make, weighted and added up."""
-    return np.asarray(sum(weight * scatter(first, last) for weight, scatter in parts))
 
 
 def make_surface_bend(scatter: Scatter, name: str, index: int, source: int) -> Bend:

@@ -21,6 +21,9 @@ to either side and what it would be in between is interpolated, as smooth a func
 All arrays have Fourier orders in front; where modes oscillate, they are complex.
 """
 
+from copy import copy
+from dataclasses import replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -44,6 +47,11 @@ class Blocks:
     N: Array
     NI: Array
     ON: Array
+
+    def add(self, other: "Blocks") -> "Blocks":
+        """This and another, which has only the first orders."""
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        return Blocks(*(np.concatenate([one[: len(more)] + more, one[len(more) :]]) for one, more in pairs))
 
 
 @record
@@ -72,6 +80,10 @@ class Aside:
     rate: Array
     share: Array
     of: Array
+
+    def turn(self, ratio: Array) -> "Aside":
+        """Those of directions whose rates are these, times a ratio (direction,)."""
+        return replace(self, rate=self.rate * ratio[self.of])
 
     def deal(self, values: Array) -> Array:
         """Values (count, r) of directions dealt out, (k, r)."""
@@ -134,67 +146,120 @@ class SlabModes:
         thickness: float,
     ) -> None:
         lam, X, Y, self.X_inverse, self.Y_inverse = self.lam, self.X, self.Y, *_ = modes
-        stokes = E.NI.shape[-1] // mu_in.size
+        self.stokes, self.mu_in, self.mu_out = E.NI.shape[-1] // mu_in.size, mu_in, mu_out
         self.decaying = decaying = Decay(0.5 * thickness)
-        self.into, self.out = (step_aside(mu, lam[0], stokes, thickness) for mu in (mu_in, mu_out))
-        rate, rate_out = self.into.rate, self.out.rate[:, None]
-        # eigenvectors that lead in (columns) and out (rows), with what F makes of them
-        f_in, e_in = (self.X_inverse @ F.NI)[..., self.into.of], (self.Y_inverse @ E.NI)[..., self.into.of]
+        self.f, self.g = decaying.find_f(lam)[..., None], decaying.find_g(lam)[..., None]
+        systems = [X + Y * self.g.swapaxes(1, 2)]
+        systems += [] if decaying.is_semi_infinite else [Y + X * self.f.swapaxes(1, 2)]
+        self.even, *odd = inverses = [np.linalg.inv(system) for system in systems]
+        self.odd = odd[0] if odd else None
+        missing = [np.abs(one @ other - np.eye(lam.shape[1])) for one, other in zip(systems, inverses, strict=True)]
+        self.residual = np.max(missing, axis=(0, 2, 3))
+        slowest = float(np.sqrt(lam).real.min())
+        self.is_dim = self.odd is not None and slowest * thickness > DIM
+        self.point(E, F, *(step_aside(mu, lam[0], self.stokes, thickness) for mu in (mu_in, mu_out)))
+
+    def turn(self, E: Blocks, F: Blocks, mu_in: Array, mu_out: Array) -> "SlabModes":
+        """The same slab with other directions, each near one of its own."""
+        found = copy(self)
+        pairs = (self.into, self.mu_in / mu_in), (self.out, self.mu_out / mu_out)
+        found.point(E, F, *(own.turn(np.repeat(ratio, self.stokes)) for own, ratio in pairs))
+        return found
+
+    def point(self, E: Blocks, F: Blocks, into: Aside, out: Aside) -> None:
+        """Puts directions beside the modes: eigenvectors that lead in (columns) and out (rows), with what F makes of
+        them."""
+        lam, X, Y, self.into, self.out, self.along = self.lam, self.X, self.Y, into, out, (E.ON, F.ON)
+        rate, rate_out = into.rate, out.rate[:, None]
+        f_in, e_in = (self.X_inverse @ F.NI)[..., into.of], (self.Y_inverse @ E.NI)[..., into.of]
         self.x_in = (rate * f_in + e_in) / (rate**2 - lam[..., None])
         self.y_in = self.x_in - f_in / rate
-        e_out, f_out = (E.ON @ X)[:, self.out.of], (F.ON @ Y)[:, self.out.of]
+        e_out, f_out = (E.ON @ X)[:, out.of], (F.ON @ Y)[:, out.of]
         self.x_out = (rate_out * e_out + f_out * lam[:, None]) / (lam[:, None] - rate_out**2)
         self.y_out = (self.x_out - f_out) / rate_out
         self.X_right, self.Y_right = (
             np.concatenate([one, one @ more], axis=-1) for one, more in ((X, self.x_in), (Y, self.y_in))
         )
-        self.f, self.g = decaying.find_f(lam)[..., None], decaying.find_g(lam)[..., None]
-        self.t_in, self.t_out = np.tanh(decaying.half * rate)[:, None], np.tanh(decaying.half * rate_out)
-        self.even = np.linalg.inv(X + Y * self.g.swapaxes(1, 2))
-        self.odd = None if decaying.is_semi_infinite else np.linalg.inv(Y + X * self.f.swapaxes(1, 2))
-        slowest = float(np.sqrt(lam).real.min())
-        self.is_dim = self.odd is not None and slowest * thickness > DIM
-        self.tables = self.make_tables()
+        self.t_in, self.t_out = np.tanh(self.decaying.half * rate)[:, None], np.tanh(self.decaying.half * rate_out)
 
-    def make_tables(self) -> dict[str, tuple[Array, Array]]:
+    @cached_property
+    def tables(self) -> dict[str, tuple[Array, Array]]:
         """What e and p are multiplied with, element by element, in even and odd light and in C."""
-        count = len(self.lam)
         rows, columns = (
-            np.concatenate([self.lam, np.broadcast_to(aside.rate**2, (count, aside.rate.size))], axis=1)
+            np.concatenate([self.lam, np.tile(aside.rate**2, (len(self.lam), 1))], axis=1)
             for aside in (self.out, self.into)
         )
         f, g, c = self.decaying.divide(rows, columns, self.is_dim)
         found = {"even": (g, rows[:, :, None] * columns[:, None] * f), "odd": (f, g)}
         return found | ({"C": (c, c * columns[:, None])} if self.is_dim else {})
 
-    def light_even(self, light: Array, beams: Array) -> Array:
+    def light_even(self, light: Array | float, beams: Array) -> Array:
         """X^-1 (1 + Ze)^-1 of light on the nodes (order, n, r) and along beams (k, r): (order, n + k, r)."""
         own = beams / (1.0 + self.t_in)
         rest = light - self.X @ (self.x_in @ own) - self.Y @ (self.y_in @ (self.t_in * self.into.rate[:, None] * own))
         return self.put_below(self.even @ rest, own)
 
-    def light_odd(self, light: Array, beams: Array) -> Array:
+    def light_odd(self, light: Array | float, beams: Array) -> Array:
         """Y^-1 (1 + Zo)^-1 of the same."""
         assert self.odd is not None
         own = beams * self.into.rate[:, None] / (1.0 + self.t_in)
         rest = light - self.Y @ (self.y_in @ own) - self.X @ (self.x_in @ (self.t_in / self.into.rate[:, None] * own))
         return self.put_below(self.odd @ rest, own)
 
-    def weigh_even(self, weights: Array, sights: Array) -> Array:
-        """Y^T (1 + Ze)^-T of weights, X^T times those on the nodes (order, n, r), and along sights (k, r)."""
+    def weigh_even(self, weights: Array | float, sights: Array) -> tuple[Array, Array]:
+        """On the nodes (1 + Ze)^-T of weights, X^T times those on the nodes (order, n, r), and along sights (k, r);
+        and Y^T times it."""
         own = sights / (1.0 + self.t_out)
         y = self.y_out.swapaxes(1, 2) @ own
         rest = weights - self.g * y + self.x_out.swapaxes(1, 2) @ (self.t_out * own)
-        found = self.Y.swapaxes(1, 2) @ (self.even.swapaxes(1, 2) @ rest) + y
-        return self.put_below(found, own / self.out.rate[:, None])
+        found = self.even.swapaxes(1, 2) @ rest
+        return found, self.put_below(self.Y.swapaxes(1, 2) @ found + y, own / self.out.rate[:, None])
 
-    def weigh_odd(self, weights: Array, sights: Array) -> Array:
-        """X^T (1 + Zo)^-T of weights, Y^T times those on the nodes, and along sights."""
+    def weigh_odd(self, weights: Array | float, sights: Array) -> tuple[Array, Array]:
+        """(1 + Zo)^-T of weights, Y^T times those on the nodes, and along sights: on the nodes, and X^T times it."""
         assert self.odd is not None
         own = sights / (1.0 + self.t_out)
         x = self.x_out.swapaxes(1, 2) @ own
         rest = weights - self.f * x + self.y_out.swapaxes(1, 2) @ (self.t_out * own)
-        return self.put_below(self.X.swapaxes(1, 2) @ (self.odd.swapaxes(1, 2) @ rest) + x, own)
+        found = self.odd.swapaxes(1, 2) @ rest
+        return found, self.put_below(self.X.swapaxes(1, 2) @ found + x, own)
+
+    def respond_on_nodes(self) -> Array:
+        """R and T on the nodes, (order, 2, n, n)."""
+        one = np.eye(self.lam.shape[1])
+        even = one - self.X @ self.even
+        odd = one - even if self.odd is None else one - self.Y @ self.odd
+        return np.stack([odd - even, one - odd - even], axis=1).real
+
+    def respond_along_directions(self) -> tuple[Array, Array, Array]:
+        """R and T from beams to the nodes, (order, 2, n, r), from the nodes along sights, (order, 2, o, n), and from
+        beams along sights, (order, 2, o, r): that is linear in the rows of E and F that lead out, as a change is."""
+        lit = self.into.deal(np.eye(self.stokes * self.mu_in.size))
+        seen = self.out.deal(np.eye(self.stokes * self.mu_out.size))
+        own = seen / (1.0 + self.t_out)
+        out, into = (np.tile(aside.rate**2, (len(self.lam), 1)) for aside in (self.out, self.into))
+        columns = np.concatenate([self.lam, into], axis=1)
+        f, g, _ = self.decaying.divide(out, columns)
+        e, p = (part[:, self.out.of] for part in (self.along[0] @ self.X_right, self.along[1] @ self.Y_right))
+        e = e * self.out.rate[:, None]
+        light = self.light_even(0.0, lit)
+        even = (
+            -self.X_right @ light,
+            -self.weigh_even(0.0, seen)[0].swapaxes(1, 2),
+            (own / self.out.rate[:, None]).T @ ((g * e + out[..., None] * columns[:, None] * f * p) @ light),
+        )
+        odd = tuple(-part for part in even)
+        if self.odd is not None:
+            light = self.light_odd(0.0, lit)
+            odd = (
+                -self.Y_right @ light,
+                -self.weigh_odd(0.0, seen)[0].swapaxes(1, 2),
+                own.T @ ((f * e + g * p) @ light),
+            )
+        entering, leaving, passing = (
+            np.stack([more - less, -more - less], axis=1).real for less, more in zip(even, odd, strict=True)
+        )
+        return entering, leaving, passing
 
     @staticmethod
     def put_below(nodes: Array, own: Array) -> Array:
@@ -208,20 +273,22 @@ class SlabModes:
         up, down = self.out.deal(weights.falling), self.out.deal(weights.rising)
         X, Y = self.X.swapaxes(1, 2), self.Y.swapaxes(1, 2)
         if self.odd is None:
-            return [Term("even", -2.0 * self.weigh_even(X @ weights.above, up), self.light_even(light.above, falling))]
+            return [
+                Term("even", -2.0 * self.weigh_even(X @ weights.above, up)[1], self.light_even(light.above, falling))
+            ]
         if not self.is_dim:
             total, difference = light.above + light.below, light.above - light.below
             weighs, differs = weights.above + weights.below, weights.above - weights.below
             return [
-                Term("even", -self.weigh_even(X @ weighs, up + down), self.light_even(total, falling + rising)),
-                Term("odd", self.weigh_odd(Y @ differs, up - down), self.light_odd(difference, falling - rising)),
+                Term("even", -self.weigh_even(X @ weighs, up + down)[1], self.light_even(total, falling + rising)),
+                Term("odd", self.weigh_odd(Y @ differs, up - down)[1], self.light_odd(difference, falling - rising)),
             ]
         found = []
         sides = [(light.above, falling), (light.below, rising)]
         even, odd = ([find(*side) for side in sides] for find in (self.light_even, self.light_odd))
         given = [(weights.above, up), (weights.below, down)]
-        odd_seen = [self.weigh_odd(Y @ nodes, own) for nodes, own in given]
-        even_seen = [self.weigh_even(X @ nodes, own) for nodes, own in given]
+        odd_seen = [self.weigh_odd(Y @ nodes, own)[1] for nodes, own in given]
+        even_seen = [self.weigh_even(X @ nodes, own)[1] for nodes, own in given]
         passed, let = (
             [self.pass_light(each) for each in even],
             [self.pass_weights(*each) for each in zip(odd_seen, given, strict=True)],
@@ -246,7 +313,7 @@ class SlabModes:
         n = self.lam.shape[1]
         c, c_out = self.decaying.find_c(self.lam)[..., None], self.decaying.find_c(self.out.rate[:, None] ** 2)
         own = c_out * odd[:, n:]
-        return self.weigh_even(c * odd[:, :n] - self.x_out.swapaxes(1, 2) @ own, own)
+        return self.weigh_even(c * odd[:, :n] - self.x_out.swapaxes(1, 2) @ own, own)[1]
 
     def list_bases(self, count: int) -> list[tuple[Array, ...]]:
         """Of E, then of F, in the first orders: inverse eigenvectors, eigenvectors with what leads in, what leads out,

@@ -11,7 +11,7 @@ from vrte.basics.arrays import Array, IntArray, record
 from vrte.basics.errors import AccuracyError
 from vrte.basics.memory import count_orders_at_once
 from vrte.basics.running import Run
-from vrte.discrete_ordinates.derivatives.changes import Change
+from vrte.discrete_ordinates.derivatives.changes import Change, move_problem
 from vrte.discrete_ordinates.derivatives.slab import (
     DIM,
     Blocks,
@@ -27,11 +27,11 @@ from vrte.discrete_ordinates.orders.homogeneous import Modes, find_modes
 from vrte.discrete_ordinates.orders.media import ARRIVING, ENTERING, LEAVING, RISING
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble, balance_flux
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.refracting import CUT, ROUGH, SMOOTH, Medium, Refracting, spread
-from vrte.discrete_ordinates.orders.rough_interfaces import RoughInterface, add_interfaces
-from vrte.discrete_ordinates.orders.slab_response import Response, respond_by_doubling, respond_with_modes
-from vrte.scene.boundary import Boundary
+from vrte.discrete_ordinates.orders.refracting import CUT, ROUGH, SMOOTH, Medium, Refracting, Slabs, spread
+from vrte.discrete_ordinates.orders.slab_response import Response, respond_by_doubling
+from vrte.scene.boundary import BLACK, Boundary
 
+Moved = list[tuple[float, Refracting]]
 REVERSED = {RISING: ENTERING, ENTERING: RISING, ARRIVING: LEAVING, LEAVING: ARRIVING}
 FACETS = 1e-8  # accuracy of integrals over facets whose differences are derivatives
 ALLOWED = 1e-9  # largest residual of modes and of what slabs do for which derivatives by modes are used
@@ -75,7 +75,7 @@ class Differentiating(Refracting):
         super().__init__(self.refuse, problem, base, n_order, accuracy)
         self.changes, self.quick = [change for change, _ in changes], problem.skip_flags.symmetric
         self.changed_bases = [self.change_base(change, n_order, accuracy) for change in self.changes]
-        self.changed_facets = [self.change_facets(change, n_order, accuracy) for change in self.changes]
+        self.moved = [self.move(change, base, n_order, accuracy) for change in self.changes]
         members, sources = list(problem.stokes), len(self.sources)
         self.changed_escapes = [
             None if escapes is None else escapes[:, :, members, :sources][..., members] for _, escapes in changes
@@ -112,7 +112,7 @@ class Differentiating(Refracting):
 
     def change_base(self, change: Change, n_order: int, accuracy: float) -> Base | None:
         """The derivative of the base's operators, None where it stays."""
-        pairs = [(weight, boundary) for weight, boundary in change.variation.base if weight]
+        pairs = change.base
         if not pairs or self.base is None:
             return None
         index, place = self.media.scene.media[-1], len(self.media.scene.media) - 1
@@ -127,29 +127,28 @@ class Differentiating(Refracting):
         order = np.arange(n_order, dtype=np.int32)
         return Base(np.where(order < rows, order, np.int32(-1)), found[0], found[1], found[2])
 
-    def change_facets(self, change: Change, n_order: int, accuracy: float) -> dict[int, RoughInterface]:
-        """The derivatives of rough interfaces, by their place among those of the pieces."""
-        found = {}
-        for number, weighted in change.interfaces.items():
-            index = self.cut.interface.tolist().index(number)
-            given = n_order, min(accuracy, FACETS), Run(1)
-            parts = [(weight, self.expand_facets(index, one, *given)) for weight, one in weighted]
-            found[index] = add_interfaces(parts)
+    def move(self, change: Change, base: Boundary, n_order: int, accuracy: float) -> Moved:
+        """The stacks whose weighted operators are the derivatives of what is no layer."""
+        found = []
+        for weight, media in change.moved:
+            below = media.scene.below if base.orders_reflected else BLACK
+            given = move_problem(self.problem, media), below, n_order, min(accuracy, FACETS)
+            found.append((weight, Refracting(self.refuse, *given)))
         return found
 
     def chunk(self, threads: int) -> int:
         """Orders to be done at once."""
-        n = self.problem.size + len(self.problem.stokes) * (self.problem.mu0.size + 2 * self.sights.cosines.shape[1])
-        n += self.weighing.shape[-1]
+        n = self.problem.size + max(self.problem.n_rhs, self.problem.rows_out, self.weighing.shape[-1])
         return count_orders_at_once((16.0 * sum(one.material.size for one in self.each) + 12.0) * n * n, threads)
 
     def differentiate(self, orders: IntArray, run: Run) -> ChangedOrders:
         """Derivatives of the given orders."""
         fields, problem, count = Fields(self, orders, run), self.problem, len(self.changes)
         turned = [self.assemble_change(change, orders, run) for change in self.changes]
+        moved = [fields.move_slabs(moved, own, run) for moved, own in zip(self.moved, turned, strict=True)]
 
         def change(number: int) -> Array:
-            return fields.change(self.changes[number], number, turned[number])
+            return fields.change(self.changes[number], number, turned[number], moved[number])
 
         with run.timed("derivatives"):
             if run.threads > 1 and count > 1:
@@ -196,13 +195,9 @@ class Differentiating(Refracting):
         return found
 
 
-def respond(medium: Medium, orders: IntArray, matrices: Assembled, modes: Modes, run: Run) -> Response:
-    """What the slabs of a medium do: by their modes; where little light may get through by doubling, which is right
-    relative to that light itself."""
-    asked = medium.problem, medium.material, medium.thickness, orders
-    if (np.isfinite(medium.thickness) & (medium.thickness > DIM)).any():
-        return respond_by_doubling(*asked, run, matrices)
-    return respond_with_modes(*asked, matrices, modes, run).expand()
+def is_dim(medium: Medium) -> bool:
+    """Whether a slab may let so little light through that it is doubled: right relative to that light itself."""
+    return bool((np.isfinite(medium.thickness) & (medium.thickness > DIM)).any())
 
 
 def lay_out(beams: Array) -> Array:
@@ -256,10 +251,8 @@ class Fields:
             find_modes(one.problem, orders, sheet, run, route.quick)
             for one, sheet in zip(route.each, self.sheets, strict=True)
         ]
-        self.slabs: list[tuple[Medium, Response]] = [
-            (one, respond(one, orders, sheet, modes, run))
-            for one, sheet, modes in zip(route.each, self.sheets, self.modes, strict=True)
-        ]
+        self.known: dict[tuple[int, int], list[tuple[IntArray, SlabModes]]] = {}
+        self.slabs = [(one, self.respond(number, run)) for number, one in enumerate(route.each)]
         residuals = [modes.residual.max(axis=1) for modes in self.modes]
         residuals += [
             each.max(axis=0)
@@ -275,9 +268,31 @@ class Fields:
         route.join(orders, self.slabs, self.light, run)
         self.has_flux = route.problem.conserves and orders[0] == 0
         self.weights, self.extra = self.weigh_light(run)
-        self.known: dict[tuple[int, int], list[tuple[IntArray, SlabModes]]] = {}
         self.terms: dict[int, list[tuple[IntArray, SlabModes, list[Term]]]] = {}
         self.sent: Array | None = None
+
+    def respond(self, number: int, run: Run, beside: Problem | None = None) -> Response:
+        """What the slabs of a medium do to all light, or along the directions of another problem near its own."""
+        medium, orders, sheets = self.route.each[number], self.orders, self.sheets[number]
+        one, count = beside or medium.problem, medium.thickness.size
+        if beside is not None:
+            sheets = assemble(one, orders, run)
+        if is_dim(medium):
+            return respond_by_doubling(one, medium.material, medium.thickness, orders, run, sheets)
+        n, r, o = one.size, one.n_rhs, one.rows_out
+        shapes = (n, n), (n, r), (o, n), (o, r)
+        nodes, *along = (np.empty((count, orders.size, 2, *shape)) for shape in shapes)
+        residual = np.empty((count, orders.size))
+        for slab in range(count):
+            for some, modes in self.slab_modes(number, slab):
+                if beside is None:
+                    residual[slab, some], nodes[slab, some] = modes.residual, modes.respond_on_nodes()
+                else:
+                    blocks = take_blocks(one, sheets, some, int(medium.material[slab]))
+                    modes = modes.turn(*blocks, one.mu0, one.mu_out)
+                for all_, own in zip(along, modes.respond_along_directions(), strict=True):
+                    all_[slab, some] = own
+        return Response(nodes, along[0], along[1], along[2], {"residual_of_boundary": residual})
 
     def weigh_light(self, run: Run) -> tuple[Array, int]:
         """What light that sets out on the nodes weighs, and how many fluxes follow what is seen."""
@@ -357,25 +372,27 @@ class Fields:
         return R, T
 
     def modes_of(self, piece: Piece) -> list[tuple[IntArray, SlabModes, list[Term]]]:
-        """A piece by its slab's modes, found once: places of orders, what these have, and the parts of a derivative."""
-        which = piece.medium, piece.slab
-        if which not in self.known:
-            one, modes = self.route.each[piece.medium].problem, self.modes[piece.medium]
-            lam = modes.lam_re[:, piece.material] + 1j * modes.lam_im[:, piece.material]
-            groups = group_by_gaps(lam if lam.imag.any() else lam.real, np.concatenate([one.mu0, one.mu_out]))
-            self.known[which] = [(some, self.make_modes(piece, some)) for some in groups]
+        """A piece by its slab's modes: places of orders, what these have, and the parts of a derivative, found once."""
         if piece.place not in self.terms:
             self.terms[piece.place] = [
-                (some, modes, modes.list_terms(*self.faces_of(piece, some))) for some, modes in self.known[which]
+                (some, modes, modes.list_terms(*self.faces_of(piece, some)))
+                for some, modes in self.slab_modes(piece.medium, piece.slab)
             ]
         return self.terms[piece.place]
 
-    def make_modes(self, piece: Piece, some: IntArray) -> SlabModes:
-        """A piece's slab by its modes in some orders."""
-        medium = self.route.each[piece.medium]
-        E, F = take_blocks(medium.problem, self.sheets[piece.medium], some, piece.material)
-        modes, thickness = take_modes(self.modes[piece.medium], some, piece.material), medium.thickness[piece.slab]
-        return SlabModes(E, F, modes, medium.problem.mu0, medium.problem.mu_out, float(thickness))
+    def slab_modes(self, number: int, slab: int) -> list[tuple[IntArray, SlabModes]]:
+        """A slab of a medium by its modes, found once: places of orders that go together, and what these have."""
+        if (number, slab) not in self.known:
+            medium, modes, sheets = self.route.each[number], self.modes[number], self.sheets[number]
+            one, material = medium.problem, int(medium.material[slab])
+            lam = modes.lam_re[:, material] + 1j * modes.lam_im[:, material]
+            groups = group_by_gaps(lam if lam.imag.any() else lam.real, np.concatenate([one.mu0, one.mu_out]))
+            self.known[number, slab] = []
+            for some in groups:
+                given = *take_blocks(one, sheets, some, material), take_modes(modes, some, material)
+                own = SlabModes(*given, one.mu0, one.mu_out, float(medium.thickness[slab]))
+                self.known[number, slab].append((some, own))
+        return self.known[number, slab]
 
     def faces_of(self, piece: Piece, some: IntArray | slice = slice(None)) -> tuple[Faces, Faces]:
         """Light that enters a piece in some orders, and what weighs the light that leaves it."""
@@ -390,7 +407,9 @@ class Fields:
             sights = (np.pad(sights[0], ((0, 0), (0, self.extra))), np.pad(sights[1], ((0, 0), (0, self.extra))))
         return Faces(nodes[0], nodes[1], *piece.beams), Faces(nodes[2], nodes[3], sights[0], sights[1])
 
-    def change(self, change: Change, number: int, turned: dict[int, tuple[Blocks, Blocks]]) -> Array:
+    def change(
+        self, change: Change, number: int, turned: dict[int, tuple[Blocks, Blocks]], moved: Sequence[Slabs] = ()
+    ) -> Array:
         """The derivative of all that is seen, and of fluxes, (order, r_weights, r)."""
         route = self.route
         found = np.zeros((self.orders.size, self.weights.shape[3], self.light.shape[3]))
@@ -414,8 +433,8 @@ class Fields:
             found[:, : route.weighing.shape[-1]] += route.weighing[-1].T @ sent.swapaxes(1, 2)
         if change.beams is not None:
             found += self.follow_beams(change)
-        for index, facets in route.changed_facets[number].items():
-            found += self.change_facets(index, facets)
+        for (weight, stack), slabs in zip(route.moved[number], moved, strict=False):
+            found += weight * self.pass_through(stack, slabs)
         escapes = route.changed_escapes[number]
         if escapes is not None:
             weighing = route.weigh_sources(escapes)
@@ -433,21 +452,58 @@ class Fields:
         faces = self.faces_of(piece)
         return find_depth_change(E, F, *self.blocks_of(piece), passing, *faces, mu_in, mu_out, thickness)
 
-    def change_facets(self, index: int, rough: RoughInterface) -> Array:
-        """What the derivative of a rough interface makes of the light that meets it."""
-        route, orders = self.route, self.orders
-        arriving, rising = self.light[:, index, ARRIVING], self.light[:, index, RISING]
-        light = np.zeros((orders.size, 4, *arriving.shape[1:]))
-        light[:, LEAVING], light[:, ENTERING] = rough.collect(orders, arriving, rising)
-        rough.light(light, orders, route.power_at(index, ARRIVING), route.power_at(index, RISING))
-        found = self.weights[:, index, REVERSED[LEAVING]] @ light[:, LEAVING].swapaxes(1, 2)
-        found += self.weights[:, index, REVERSED[ENTERING]] @ light[:, ENTERING].swapaxes(1, 2)
-        source, seen = 2 * (route.cut.layer.size + route.rough.index(index)), route.weighing.shape[-1]
-        for weighing, sent in zip(
-            route.weighing[source : source + 2], rough.send(orders, arriving, rising), strict=True
-        ):
-            if sent.shape[-1] == len(weighing):  # else nothing is seen
-                found[:, :seen] += weighing.T @ sent.swapaxes(1, 2)
+    def move_slabs(self, moved: Moved, turned: dict[int, tuple[Blocks, Blocks]], run: Run) -> Sequence[Slabs]:
+        """What slabs do along the directions of stacks of other surfaces; what their nodes make of E and F is added to
+        how layers change."""
+        route = self.route
+        if all(stack.media.scene.media == route.media.scene.media for _, stack in moved):
+            return [self.slabs for _ in moved]
+        found: list[list[tuple[Medium, Response]]] = [[] for _ in moved]
+        for number, medium in enumerate(route.each):
+            one, others = medium.problem, [stack.each[number] for _, stack in moved]
+            total: dict[str, Array] = {}
+            for (weight, _), other in zip(moved, others, strict=True):
+                own = replace(one, nodes=other.problem.nodes, weights=other.problem.weights)
+                for name, part in vars(assemble(own, self.orders, run)).items():
+                    total[name] = total.get(name, 0.0) + weight * part
+            materials = {piece.layer: piece.material for piece in route.pieces if piece.medium == number}
+            for layer, material in materials.items():
+                known, more = turned.get(layer), take_blocks(one, Assembled(**total), slice(None), material)
+                turned[layer] = more if known is None else (more[0].add(known[0]), more[1].add(known[1]))
+            for slabs, other in zip(found, others, strict=True):
+                beside = replace(other.problem, nodes=one.nodes, weights=one.weights)
+                slabs.append((other, self.respond(number, run, beside)))
+        return found
+
+    def pass_through(self, stack: Refracting, slabs: Slabs) -> Array:
+        """What a stack of other surfaces makes of this stack's light, once, but for what nodes send to nodes through
+        slabs: the derivative is its weighted sum."""
+        orders, stokes = self.orders, len(self.route.problem.stokes)
+        arriving, rising = self.light[:, :, ARRIVING], self.light[:, :, RISING]
+        light = stack.set_out(orders, slabs)
+        for k, blocks in zip(np.flatnonzero(stack.kind == SMOOTH).tolist(), stack.blocks, strict=True):
+            above, below, down, up = blocks.reshape(4, -1, stokes, stokes).swapaxes(-1, -2)
+            light[:, k, LEAVING] += self.pass_smooth(arriving[:, k], above) + self.pass_smooth(rising[:, k], up)
+            light[:, k, ENTERING] += self.pass_smooth(arriving[:, k], down) + self.pass_smooth(rising[:, k], below)
+        for k, rough in stack.rough_interfaces.items():
+            for way, sent in zip((LEAVING, ENTERING), rough.collect(orders, arriving[:, k], rising[:, k]), strict=True):
+                light[:, k, way] += sent
+        if stack.base is not None:
+            light[:, -1, LEAVING] += stack.spread_from_base(orders, arriving[:, -1], stack.base)
+        found = self.weigh(light)
+        both = stack.send(orders, slabs, self.light) + stack.send_beams(slabs, stack.falling, stack.mirrored)
+        seen = stack.look(both).transpose(0, 1, 4, 5, 2, 3).reshape(orders.size, -1, found.shape[-1])
+        found[:, : seen.shape[1]] += seen
+        if self.extra:
+            found[0, seen.shape[1] :] += stack.sum_fluxes(self.light[0]).reshape(self.extra, -1)
+        return found
+
+    def weigh(self, light: Array) -> Array:
+        """What light that sets out (order, interface, 4, r, n) counts for, (order, r_weights, r)."""
+        found = np.zeros((self.orders.size, self.weights.shape[3], light.shape[3]))
+        for way, reverse in REVERSED.items():
+            for k in np.flatnonzero(light[:, :, way].any(axis=(0, 2, 3))):
+                found += self.weights[:, k, reverse] @ light[:, k, way].swapaxes(1, 2)
         return found
 
     def follow_beams(self, change: Change) -> Array:
@@ -463,10 +519,7 @@ class Fields:
         light[:, -1, LEAVING] += route.reflect_on_base(orders, arriving)
         for index, rough in route.rough_interfaces.items():
             rough.light(light[:, index], orders, *(power(part[index]) for part in (beams.arriving, beams.rising)))
-        found = np.zeros((orders.size, self.weights.shape[3], light.shape[3]))
-        for way, reverse in REVERSED.items():
-            for k in np.flatnonzero(light[:, :, way].any(axis=(0, 2, 3))):
-                found += self.weights[:, k, reverse] @ light[:, k, way].swapaxes(1, 2)
+        found = self.weigh(light)
         sent = route.send_beams(self.slabs, falling, mirrored)
         seen = route.weighing.shape[-1]
         found[:, :seen] += (route.weighing.swapaxes(1, 2) @ sent.swapaxes(-1, -2)).sum(axis=1)

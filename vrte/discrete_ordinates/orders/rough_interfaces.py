@@ -1,7 +1,5 @@
 """Rough interfaces as interfaces of a stack: their orders in the solver's scaling, flipped frame."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from vrte.basics.arrays import Array, IntArray, record
@@ -82,21 +80,6 @@ class Side:
     into: Array | None
     sights: Array | None
     is_inside: bool
-
-
-def add_interfaces(weighted: Sequence[tuple[float, RoughInterface]]) -> RoughInterface:
-    """Interfaces between the same sides, weighted and added up."""
-
-    def add(name: str) -> Way:
-        pairs = [(weight, getattr(one, name)) for weight, one in weighted]
-        nodes = np.sum([weight * way.nodes for weight, way in pairs], axis=0)
-        rest = [
-            None if getattr(pairs[0][1], part) is None else np.sum([w * getattr(way, part) for w, way in pairs], axis=0)
-            for part in ("entering", "leaving")
-        ]
-        return Way(nodes, *rest)
-
-    return RoughInterface(*map(add, ("above", "below", "down", "up")))
 
 
 def make_rough_interface(

@@ -13,7 +13,7 @@ import numpy as np
 from vrte.basics.arrays import Array, IntArray, record
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.doubling import double_slabs
-from vrte.discrete_ordinates.orders.homogeneous import Modes, find_modes
+from vrte.discrete_ordinates.orders.homogeneous import find_modes
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.stages import list_known, run_stage
@@ -166,20 +166,6 @@ def respond_by_modes(
     """By the modes of each material, see core/response.pxi."""
     matrices = assemble(problem, orders, run)
     modes = find_modes(problem, orders, matrices, run, quick)
-    return respond_with_modes(problem, material, thickness, orders, matrices, modes, run)
-
-
-def respond_with_modes(
-    problem: Problem,
-    material: IntArray,
-    thickness: Array,
-    orders: IntArray,
-    matrices: Assembled,
-    modes: Modes,
-    run: Run,
-) -> ModalResponse:
-    """By modes that are known."""
     known = list_known(problem, orders, False) | vars(matrices) | vars(modes)
     run_stage("particular", known, run)
-    known |= {"material": material, "thickness": thickness}
-    return ModalResponse(known, modes.residual.T[material], run)
+    return ModalResponse(known | {"material": material, "thickness": thickness}, modes.residual.T[material], run)
