@@ -3,7 +3,7 @@
 import math
 import os
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -25,6 +25,8 @@ from vrte.appearance.geometries import STANDARD_GEOMETRIES, TRAVEL
 from vrte.appearance.gloss import find_glosses
 from vrte.appearance.hiding import Conditions, Hiding, find_hiding
 from vrte.appearance.panel import Panel, find_wavelengths, make_panel
+from vrte.appearance.quantities import QUANTITIES
+from vrte.appearance.spread import SOURCES, Spread, find_spread
 from vrte.appearance.two_flux_fit import INSIDE, KubelkaMunk, find_kubelka_munk
 from vrte.basics.arrays import Array
 from vrte.basics.errors import LongSolveWarning, SceneError
@@ -39,7 +41,7 @@ from vrte.results.brdf import Brdf
 
 GLOSS_ANGLES = 20.0, 60.0, 85.0
 LOBE_UM, LOBE_DEG, LOBE_STEP = 0.55, 45.0, 2.5  # of the polar cut: wavelength, incidence, degrees between directions
-PARTS = 3, 4, 1, 30, 6, 1  # of the work: particles, geometries, gloss, hiding, Kubelka-Munk, polar cut
+PARTS = 3, 4, 1, 30, 6, 1, 30  # of the work: particles, geometries, gloss, hiding, Kubelka-Munk, polar cut, spread
 OF_FILMS = "contrast ratio of a film of "  # and its thickness: what the readings of the hiding curve are called
 Found = TypeVar("Found")
 
@@ -70,6 +72,8 @@ class Paint:
         The wavelength of that [um].
     notes
         Its approximations, why numbers are missing, and what was warned of.
+    spread
+        How far colour, hiding and gloss may be off, and by what; None where that was not asked for.
 
     Examples
     --------
@@ -86,6 +90,7 @@ class Paint:
     lobe: Brdf
     lobe_um: float
     notes: tuple[str, ...]
+    spread: Spread | None = None
 
     def __repr__(self) -> str:
         return f"Paint({self.title!r}, {self.look!r})"
@@ -124,6 +129,11 @@ class Paint:
         yield "flop index", f"{self.look.flop_index():.1f}"
         for angle, gloss in self.glosses.items():
             yield f"gloss {angle:g}°", f"{gloss:.1f} GU"
+        if (varied := self.spread) is None:
+            return
+        for name in varied.quantities:
+            words = f"{name}* over black" if name in "Lab" else name.replace("_um", " [µm]").replace("_", " ")
+            yield f"{words} may be off", varied.describe(name)
 
     def list_readings(self) -> Iterator[InstrumentReading]:
         """Every number of the page, one a row, as the table in .csv has them."""
@@ -133,6 +143,8 @@ class Paint:
             yield from list_hiding_readings(self.hiding)
             for name, colour in self.colours.items():
                 yield from list_colour_readings(colour, self.hiding.conditions.geometry, f" {name}")
+        if self.spread is not None:
+            yield from list_spread_readings(self.spread)
         if self.two_fluxes is not None:
             found, source = self.two_fluxes, "Kubelka and Munk 1931; Saunderson 1942"
             for name, values, what in (("K", found.K, "absorption"), ("S", found.S, "scattering")):
@@ -166,6 +178,7 @@ def paint(
     observer: int = 10,
     white: float = Conditions.white,
     layer: int | None = None,
+    spread: bool = False,
     progress: Progress | None = None,
     folder: str | os.PathLike[str] = ".",
     **asked: Any,
@@ -181,7 +194,11 @@ def paint(
     {wavelengths_um, illuminant, observer}
     white : float, optional
         Albedo of the white card, 0.8 on drawdown charts.
-    {layer, progress, folder}
+    {layer}
+    spread : bool, optional
+        Also how far colour, contrast ratio, hiding thickness and gloss may be off: by models of crowding, by sizes of
+        grains known to 10 %, by their indices known to 1 %, by the solver's accuracy.
+    {progress, folder}
     **asked
         Keys of [paint]; and how to solve, as for `vrte.brdf`: accuracy (1e-4 by default), nodes, method, ...
 
@@ -217,7 +234,7 @@ def paint(
     source: Source | Panel = {"title": "Paint", "paint": fields} if scene is None else scene
     notes: list[str] = []
     with note_warnings(notes):
-        parts = share_parts(progress)
+        parts = share_parts(progress, PARTS if spread else PARTS[:-1])
         # what is refused is refused before the work
         seen.weigh(find_wavelengths(source, wavelengths_um, folder))
         panel = make_panel(source, wavelengths_um, folder, parts[0], layer, **asked)
@@ -228,24 +245,36 @@ def paint(
         fluxes = try_part("K and S", lambda: find_kubelka_munk(panel, geometry=INSIDE, progress=parts[4]), notes)
         index = int(np.abs(panel.wavelength_um - LOBE_UM).argmin())
         mu_o = np.cos(np.radians(np.arange(0.0, 90.0, LOBE_STEP)))
+        content = read_source(source, folder)[0] if isinstance(source, str | os.PathLike | Mapping) else {}
+        if spread and not content:
+            raise SceneError.of("spread", "is of a scene file or its content, whose particles are varied")
+        where = Path(scene).parent if isinstance(scene, str | os.PathLike) else Path(folder)
+        names = list_varied(hiding, glosses)
         lobe = panel.pick([index]).solve(math.cos(math.radians(LOBE_DEG)), mu_o, [0.0, 180.0], parts[5])[0]
-    content = read_source(source, folder)[0] if isinstance(source, str | os.PathLike | Mapping) else {}
+        varied = find_spread(content, panel, names, seen, where, parts[-1]) if spread else None
     made_of = tuple(describe_content(content, Path(folder))) if content else (repr(panel),)
     title = panel.title or (Path(scene).stem.replace("_", " ") if isinstance(scene, str | os.PathLike) else "Paint")
     lobe_um = float(panel.wavelength_um[index])
-    known = (*list_approximations(content, look.colour()), *dict.fromkeys(notes))
-    return Paint(title, made_of, look, glosses, hiding, fluxes, lobe, lobe_um, known)
+    known = (*list_approximations(content, look.colour()), *dict.fromkeys(notes), *(varied.notes if varied else ()))
+    return Paint(title, made_of, look, glosses, hiding, fluxes, lobe, lobe_um, known, varied)
 
 
-def share_parts(progress: Progress | None) -> list[Progress | None]:
-    """One call for each of the PARTS of the work, by what they take."""
+def list_varied(hiding: Hiding | None, glosses: Mapping[float, float]) -> list[str]:
+    """The quantities of a paint whose spread is found."""
+    names = ["L", "a", "b", *(["contrast_ratio"] if hiding else [])]
+    names += ["hiding_thickness_um"] if hiding and hiding.hiding_length_um else []
+    return names + [f"gloss_{angle:g}" for angle in glosses]
+
+
+def share_parts(progress: Progress | None, parts: Sequence[int]) -> list[Progress | None]:
+    """One call for each of the parts of the work, by what they take."""
     if progress is None:
-        return [None] * len(PARTS)
+        return [None] * len(parts)
 
     def report(start: int, part: int, done: int, total: int) -> None:
-        progress(round(100 * (start + part * done / max(total, 1))), 100 * sum(PARTS))
+        progress(round(100 * (start + part * done / max(total, 1))), 100 * sum(parts))
 
-    return [partial(report, sum(PARTS[:index]), part) for index, part in enumerate(PARTS)]
+    return [partial(report, sum(parts[:index]), part) for index, part in enumerate(parts)]
 
 
 def try_part(name: str, find: Callable[[], Found], notes: list[str]) -> Found | None:
@@ -299,6 +328,18 @@ def list_hiding_readings(hiding: Hiding) -> Iterator[InstrumentReading]:
     for one, value in zip(hiding.times.tolist(), hiding.contrast_ratios.tolist(), strict=True):
         film = f"{one:.6g} x film" if hiding.length_um is None else f"{one * hiding.length_um:.6g} um"
         yield InstrumentReading(OF_FILMS + film, seen.geometry, None, value, "1", cards, ratio)
+
+
+def list_spread_readings(spread: Spread) -> Iterator[InstrumentReading]:
+    """By how much each reading may be off, in all and by each source."""
+    parts = {"all": (spread.total, "the root of the sum of squares"), **{
+        source: (values, SOURCES[source]) for source, values in spread.parts.items()
+    }}  # fmt: skip
+    for source, (values, words) in parts.items():
+        for name, value in zip(spread.quantities, values.tolist(), strict=True):
+            known = QUANTITIES[name]
+            of = f"spread of {name} by {source}"
+            yield InstrumentReading(of, "as the reading", None, value, known.units, f"either way, {words}", "none")
 
 
 def describe_content(content: dict[str, Any], folder: Path) -> Iterator[str]:

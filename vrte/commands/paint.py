@@ -35,7 +35,7 @@ def run(options: argparse.Namespace) -> None:
                 scene, asked["folder"] = dict(matched.content), matched.folder
         with label_errors(options.scene or options.match, reading=True):
             phase("paint")
-            found = paint(scene, options.wavelengths_um, progress=tick, **asked)
+            found = paint(scene, options.wavelengths_um, progress=tick, spread=options.spread, **asked)
     if options.match:
         print(matched)
         write(options.toml, matched.write_scene)
