@@ -28,7 +28,7 @@ FARTHEST = 4  # steps that a point of FIVE_POINTS is away at most
 Item = TypeVar("Item")
 Arrays = Sequence[Array]
 LEVELS = 9  # times that a step is halved at most
-CONVERGED = 2e-13  # of an array's largest slope: from there on a smaller step brings rounding alone
+ROUNDING = 2e-13  # of an array's largest slope: from there on a smaller step brings rounding alone
 SHRINKS = 4  # times that a step is quartered where neither side is allowed
 
 
@@ -76,8 +76,8 @@ class _Tableau:
     best: Array
     error: float = np.inf
 
-    def add(self, slope: Array) -> bool:
-        """One more step, half of the last one; whether the best slope has converged."""
+    def add(self, slope: Array, accuracy: float) -> bool:
+        """One more step, half of the last one; whether the best slope has converged to an accuracy."""
         row = [slope]
         for column, coarse in enumerate(self.row, 1):
             row.append(row[-1] + (row[-1] - coarse) / (self.gain**column - 1.0))
@@ -85,12 +85,19 @@ class _Tableau:
             if error < self.error:
                 self.best, self.error = row[-1], error
         self.row = row
-        return self.error <= CONVERGED * float(np.abs(self.best).max(initial=0.0))
+        return self.error <= accuracy * float(np.abs(self.best).max(initial=0.0))
 
 
-def find_slopes(at: Callable[[float], Arrays], value: float, step: float, here: Arrays | None = None) -> list[Array]:
-    """Slopes of arrays over a number at its ``value``, central or one-sided where ``at`` raises on one side, at halved
-    steps, extrapolated (Ridders, Adv. Eng. Softw. 4, 75 (1982)). Raises SceneError where no side is allowed."""
+def find_slopes(
+    at: Callable[[float], Arrays],
+    value: float,
+    step: float,
+    here: Arrays | None = None,
+    accuracy: float = ROUNDING,
+) -> list[Array]:
+    """Slopes of arrays over a number at its ``value``, central or one-sided where ``at`` raises on one side, at steps
+    halved down to an ``accuracy`` of the largest slope, extrapolated (Ridders, Adv. Eng. Softw. 4, 75 (1982)). Raises
+    SceneError where no side is allowed."""
     step = round_step(step)
     first: dict[int, Arrays] = {}
     for _ in range(SHRINKS + 1):
@@ -121,6 +128,6 @@ def find_slopes(at: Callable[[float], Arrays], value: float, step: float, here: 
     for level in range(1, LEVELS):
         size = step / 2.0**level
         up, down = (at(value + side * size) if side else first[0] for side in (upper, lower))
-        if all([tableau.add(slope) for tableau, slope in zip(tableaus, divide(up, down, size), strict=True)]):
+        if all([one.add(slope, accuracy) for one, slope in zip(tableaus, divide(up, down, size), strict=True)]):
             break
     return [tableau.best for tableau in tableaus]

@@ -42,6 +42,7 @@ from vrte.scene.scene import Scene
 from vrte.scene.vary import Variation
 
 ACCURACY = 1e-5  # of a solve, where neither nodes nor an accuracy is asked for
+OF_SLOPES = 1e-7  # of ingredients' derivatives by differences: steps of least squares need no more
 Spot = tuple[float | None, float | None]  # a wavelength [um] and the albedo of a base; None: the scene's own
 
 
@@ -173,7 +174,7 @@ class Model:
             family = self.families[spot]
             with name_wavelength(spot[0]):
                 scene = family.at(values)
-                return scene, read_derivatives(scene, family.variations(values)) if with_slopes else []
+                return scene, read_derivatives(scene, family.variations(values, OF_SLOPES)) if with_slopes else []
 
         def solve(spot: Spot, sight: Sight) -> Solved:
             scene, variations = scenes[spot]
