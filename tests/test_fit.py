@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import vrte
+from vrte.calls import brdfs
 from vrte.cli import main
 from vrte.fit.model import make_model
 from vrte.fit.problem import FitProblem, StaleSlopesError, fit_residuals
@@ -403,3 +404,44 @@ def test_a_wrong_model_is_known_by_its_runs_where_chi2_is_not() -> None:
     shuffled = np.random.default_rng(2).permutation(13)
     with pytest.warns(vrte.MisfitWarning, match="may not fit"):  # rows in any order
         fit_thickness(MANY_ROWS.measure(bent, sigma).pick(shuffled))
+
+
+SPECTRAL = {"layer": [LAYER | {"thickness": 0.4}, LAYER | {"albedo": 0.8}]}
+NAMES = ["layer[1].thickness", "layer[2].albedo"]
+
+
+@pytest.mark.parametrize(
+    ("quantity", "where"),
+    [
+        ("f00", {"theta_i_deg": 40.0, "theta_o_deg": 20.0}),
+        ("total_transmittance", {"theta_i_deg": 40.0}),
+        ("reflectance", {"geometry": "8:di"}),
+    ],
+)
+def test_scenes_of_a_fit_are_solved_together_as_they_are_alone(
+    quantity: str, where: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two bases and wavelengths, one call of four scenes where they take one, to the same bits; how the layers change
+    is found once a wavelength, and is the same over either base."""
+    at = np.array([0.5, 0.6, 0.5, 0.6])
+    rows = vrte.Measurement(quantity, 0.1, wavelength_um=at, base=[0.2, 0.2, 0.7, 0.7], **where)
+    model = make_model(rows, SPECTRAL, NAMES, nodes=4)
+    together: list[int] = []
+    solve = brdfs.solve_batch
+
+    def note(requests: Any, indices: list[int], *more: Any) -> Any:
+        together.append(len(indices))
+        return solve(requests, indices, *more)
+
+    monkeypatch.setattr(brdfs, "solve_batch", note)
+    values, slopes = model.linearize(model.start)
+    found = model.predict(model.start)
+    assert sum(together) == (0 if quantity == "total_transmittance" else 4)
+    assert found.tolist() == values.tolist()
+    monkeypatch.setattr(brdfs, "sort_into_batches", lambda requests: [])
+    assert model.predict(model.start).tolist() == found.tolist()
+    for row, base in enumerate((0.2, 0.7)):
+        content = SPECTRAL | {"base": {"kind": "lambertian", "albedo": base}}
+        alone = make_model(vrte.Measurement(quantity, 0.1, **where), content, NAMES, nodes=4)
+        value, slope = alone.linearize(alone.start)
+        assert (value[0], *slope[0]) == (found[2 * row], *slopes[2 * row])

@@ -8,6 +8,7 @@ import pytest
 
 import vrte
 from vrte.basics.differences import find_slopes
+from vrte.formats.scene_family import ChangingFile
 from vrte.optics.size_distribution import Held, Lognormal
 from vrte.scene.boundary import Lambertian
 
@@ -287,3 +288,24 @@ def test_a_scene_that_is_no_file_s() -> None:
     assert (depth.value, depth.thickness.tolist(), base.value) == (1.0, [1.0], 0.4)
     with pytest.raises(vrte.SceneError, match="is a Scene and no scene file"):
         family.content_at([1.0, 0.4])
+
+
+def test_a_coarser_accuracy_takes_fewer_scenes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of differences, as crowded particles need them; half of the scenes at most for 1e-7."""
+    particles = {"grain": {"index": 1.6, "radius_um": 0.1}}
+    layer = {"particles": "grain", "volume_fraction": 0.2, "packing": "effective-medium", "thickness_um": 5.0}
+    family = vrte.SceneFamily(
+        {"wavelength_um": 0.5, "particles": particles, "layer": [layer]}, ["layer[1].volume_fraction"]
+    )
+    made: list[int] = []
+    make = ChangingFile.make
+    monkeypatch.setattr(ChangingFile, "make", lambda self, *given: made.append(1) or make(self, *given))
+    (fine,), many = family.variations(), len(made)
+    (coarse,), few = family.variations(accuracy=1e-7), len(made) - many
+    assert few < 0.8 * many
+    off, largest = (
+        np.abs(table).max() for table in (coarse.coefficients[0] - fine.coefficients[0], fine.coefficients[0])
+    )
+    assert 0.0 < off < 1e-7 * largest
+    with pytest.raises(vrte.SceneError, match=r"accuracy must be between 2e-13 and 0\.1, not 1"):
+        family.variations(accuracy=1.0)

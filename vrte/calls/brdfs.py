@@ -122,7 +122,7 @@ def sort_into_batches(requests: Sequence[Request]) -> list[list[int]]:
     return batches
 
 
-def solve_batch(requests: Sequence[Request], indices: list[int], run: Run) -> dict[int, Any]:
+def solve_batch(requests: Sequence[Request], indices: list[int], run: Run, as_light: bool = False) -> dict[int, Any]:
     """Results of one batch that its plan stands for and that passed the checks; others are solved by themselves."""
     begin, own = time.perf_counter(), replace_unchecked(run, stages={})
     asked, scenes = requests[indices[0]], [requests[index].scene for index in indices]
@@ -149,13 +149,13 @@ def solve_batch(requests: Sequence[Request], indices: list[int], run: Run) -> di
     wall = (time.perf_counter() - begin) / count
     shared = {"solved_together": count, "stages": spent, "wall_seconds": wall}
     right = np.flatnonzero(solved).tolist()
-    if asked.kind != "brdf":
-        results = {}
+    if as_light or asked.kind != "brdf":
+        results: dict[int, Any] = {}
         for k in right:
             of_scene = {name: float(values[k]) for name, values in residuals.items()}
-            up, down = found.flux_up[k : k + 1], found.flux_down[k : k + 1]
+            up, down = (flux[k * levels : (k + 1) * levels] for flux in (found.flux_up, found.flux_down))
             light = Solution([part[k : k + 1] for part in parts], up, down, found.diagnostics | of_scene | shared)
-            results[indices[k]] = make_field(requests[indices[k]], plan.mu, light)
+            results[indices[k]] = light if as_light else make_field(requests[indices[k]], plan.mu, light)
         return results
     carried = count_terms_carried(scenes[0], plan.problem.nodes.size)
     for k in right:
@@ -269,8 +269,11 @@ def run_side_by_side(
             raise
 
 
-def solve_side_by_side(requests: Sequence[Request], progress: Progress | None = None) -> list[Any]:
-    """Brdfs or Fields of requests of one thread each that differ in their scenes alone; alike ones are batched."""
+def solve_side_by_side(
+    requests: Sequence[Request], progress: Progress | None = None, as_light: bool = False
+) -> list[Any]:
+    """Brdfs or Fields, with ``as_light`` Solutions, of requests of one thread each that differ in their scenes alone;
+    alike ones are batched."""
     share = _share.get()
     stop = share.stop if share else np.zeros(1, np.int32)
     cores = share.cores if share else count_usable_cpus()
@@ -284,8 +287,9 @@ def solve_side_by_side(requests: Sequence[Request], progress: Progress | None = 
     def solve(indices: list[int]) -> dict[int, Any]:
         if len(indices) > 1:
             with keep_to_one_thread():
-                return solve_batch(requests, indices, start())
-        return {index: solve_one(requests[index], start()) for index in indices}
+                return solve_batch(requests, indices, start(), as_light)
+        solve_alone = solve_solution if as_light else solve_one
+        return {index: solve_alone(requests[index], start()) for index in indices}
 
     def report(done: int, total: int) -> None:
         if progress is not None:
@@ -299,6 +303,11 @@ def solve_side_by_side(requests: Sequence[Request], progress: Progress | None = 
     perform(batches)
     perform([[index] for index in range(len(requests)) if index not in found])
     return [found[index] for index in range(len(requests))]
+
+
+def solve_solution(request: Request, run: Run) -> Solution:
+    """The solution of a request."""
+    return solve_request(request, run)[1]
 
 
 def solve_one(request: Request, run: Run) -> Brdf | Field:

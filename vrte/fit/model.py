@@ -25,7 +25,7 @@ from vrte.basics.arrays import Array, put_in_one_line
 from vrte.basics.differences import STEP, sample_around
 from vrte.basics.errors import SceneError
 from vrte.basics.running import run_interruptible
-from vrte.calls.brdfs import run_side_by_side
+from vrte.calls.brdfs import run_side_by_side, solve_side_by_side
 from vrte.calls.derivatives import read_derivatives, solve_with_derivatives
 from vrte.calls.spectrum import name_wavelength
 from vrte.fit.light import Seen, Sight, Solved, make_scene_jet, read_sight
@@ -35,7 +35,9 @@ from vrte.formats.scene_family import SceneFamily
 from vrte.formats.scene_file import OPTION_KEYS, REQUESTS, read_content
 from vrte.methods import choose_method, make_run
 from vrte.request.how import EXACT
+from vrte.request.request import Request
 from vrte.results.brdf import check_ascending
+from vrte.results.result import Solution
 from vrte.scene.boundary import Lambertian
 from vrte.scene.illumination import hemisphere
 from vrte.scene.scene import Scene
@@ -170,32 +172,45 @@ class Model:
         alone = len(indices) == 1
         how = options if alone else options | {"threads": 1}
 
-        def make(spot: Spot) -> tuple[Scene, list[Variation]]:
-            family = self.families[spot]
-            with name_wavelength(spot[0]):
+        def make(spots: Sequence[Spot]) -> dict[Spot, tuple[Scene, list[Variation]]]:
+            """Scenes at one wavelength, and how they change: they differ in their bases alone."""
+            first, *others = sorted(spots, key=lambda one: one[1] is not None)
+            family = self.families[first]
+            with name_wavelength(first[0]):
                 scene = family.at(values)
-                return scene, read_derivatives(scene, family.variations(values, OF_SLOPES)) if with_slopes else []
+                slopes = read_derivatives(scene, family.variations(values, OF_SLOPES)) if with_slopes else []
+                more = {one: (put_over(scene, one[1]), [move_over(each, one[1]) for each in slopes]) for one in others}
+                return {first: (scene, slopes)} | more
 
-        def solve(spot: Spot, sight: Sight) -> Solved:
-            scene, variations = scenes[spot]
+        def ask(spot: Spot, sight: Sight) -> Request:
             with name_wavelength(spot[0]):
-                request = choose_method(sight.ask(scene, how))
-                run = make_run(request)
-                run.runtime_warned = True
+                return choose_method(sight.ask(scenes[spot][0], how))
 
-                def work() -> Any:
-                    return solve_with_derivatives(request, variations, run)
+        def solve(spot: Spot, request: Request) -> tuple[Solution, list[Solution]]:
+            run = make_run(request)
+            run.runtime_warned = True
 
+            def work() -> Any:
+                return solve_with_derivatives(request, scenes[spot][1], run)
+
+            with name_wavelength(spot[0]):
                 _, solution, found = run_interruptible(run, work) if alone else work()
-            return sight, request, solution, [one.solution for one in found], variations
+            return solution, [one.solution for one in found]
 
         self.solves += len(indices)
-        scenes = dict(zip(spots, run_side_by_side([partial(make, one) for one in spots]), strict=True))
-        tasks = [partial(solve, *one) for one in indices]
-        solved = [tasks[0]()] if alone else run_side_by_side(tasks)
+        groups = {one: [spot for spot in spots if spot[0] == one] for one, _ in spots}
+        scenes: dict[Spot, tuple[Scene, list[Variation]]] = {}
+        for made_there in run_side_by_side([partial(make, some) for some in groups.values()]):
+            scenes |= made_there
+        requests = [ask(*one) for one in indices]
+        if alone or with_slopes:
+            tasks = [partial(solve, spot, request) for (spot, _), request in zip(indices, requests, strict=True)]
+            solved = [tasks[0]()] if alone else run_side_by_side(tasks)
+        else:
+            solved = [(light, []) for light in solve_alike(requests)]
         found: dict[Spot, list[Solved]] = {}
-        for (one, _), made in zip(indices, solved, strict=True):
-            found.setdefault(one, []).append(made)
+        for (one, sight), request, (light, slopes) in zip(indices, requests, solved, strict=True):
+            found.setdefault(one, []).append((sight, request, light, slopes, scenes[one][1]))
         return found
 
     def _read(self, solved: Mapping[Spot, list[Solved]]) -> Array:
@@ -219,6 +234,20 @@ class Model:
             else:
                 out[:, row] = known.read(factors[:, 0])
         return out
+
+
+def solve_alike(requests: Sequence[Request]) -> list[Solution]:
+    """Solutions of requests of one thread each: those that look along the same directions at different scenes in one
+    call."""
+    groups: dict[Any, list[int]] = {}
+    for index, one in enumerate(requests):
+        along = (one.mu0, one.phi) if one.mu is None else (one.mu0, one.phi, one.mu)
+        groups.setdefault((one.kind, one.tau.size, *(each.tobytes() for each in along)), []).append(index)
+    found: dict[int, Solution] = {}
+    for indices in groups.values():
+        alike = [requests[index] for index in indices]
+        found |= dict(zip(indices, solve_side_by_side(alike, as_light=True), strict=True))
+    return [found[index] for index in range(len(requests))]
 
 
 def read_instrument(made: Instrument, seen: Seen) -> Array:
@@ -256,6 +285,12 @@ def put_over(source: Any, albedo: float | None) -> Any:
     return (
         {**source, "paint": {**source["paint"], "substrate": base}} if "paint" in source else {**source, "base": base}
     )
+
+
+def move_over(variation: Variation, albedo: float | None) -> Variation:
+    """The same change of a scene that is put over a Lambertian base of that albedo."""
+    at = variation.scene_at
+    return replace(variation, base=(), scene_at=at and (lambda number: put_over(at(number), albedo)))
 
 
 def make_family(source: Any, names: Sequence[str], folder: str | os.PathLike[str]) -> SceneFamily:
