@@ -32,6 +32,7 @@ from vrte.formats.toml_table import read_fraction
 from vrte.pictures import results as figures
 
 from .helpers import assert_close, close_to, wait_until
+from .samples import slow_but
 from .viewer_server import ask, get_process, work
 
 pytestmark = pytest.mark.skipif(find_spec("colour") is None, reason="colours take the extra appearance")
@@ -116,7 +117,7 @@ def test_the_numbers_are_those_of_the_library(answered: tuple[AppearanceAnswerer
     assert other.before == (found.black, found.white)
 
 
-@pytest.mark.parametrize("roughness", [0.1, 0.3, 0.6])
+@pytest.mark.parametrize("roughness", slow_but((0.1, 0.3, 0.6), 0.3))
 def test_a_rough_paint_has_its_colours_within_seconds(roughness: float) -> None:
     """All wavelengths in 1 to 2 s of one core; for a gloss paint of roughness 0.3 the viewer once never came back."""
     begin, at = time.process_time(), []

@@ -451,6 +451,8 @@ def test_a_picture_and_a_table_soon(name: str, words: tuple[str, ...], monkeypat
         begin = time.process_time()
         text = thing._repr_html_()
         spent.append(time.process_time() - begin)
+        if spent[-1] < 0.5:
+            break
     assert min(spent) < 0.5
     assert np.ptp(decode_picture(text)[..., :3]) > 0.5  # something is drawn
     assert ("<pre>" if name == "plan" else "<table>") in text

@@ -17,7 +17,7 @@ def find_reference(one: Asked, accuracy: float, counts: tuple[int, ...]) -> tupl
     accuracy at most, and by how much it differs; by doubling: no eigenproblem on steep nodes."""
     found, difference = None, np.inf
     for count in counts:
-        before, found = found, one.solved(nodes=count, grading=2, accuracy=1e-9, algorithm="doubling")
+        before, found = found, one.solved(nodes=count, grading=2, accuracy=1e-3 * accuracy, algorithm="doubling")
         difference = before.error(found) if before else np.inf
         if difference <= 0.1 * accuracy:
             break
