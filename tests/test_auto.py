@@ -13,7 +13,6 @@ from bench.methods_page import make_score_rows
 from bench.rules import find_disagreements, read_report_rows
 from tests.random_scenes import Asked, asked, faint
 from vrte.calls.plan import make_request
-from vrte.cli import main
 from vrte.methods.parts.auto import (
     RULES,
     bound_multiple_scattering,
@@ -179,16 +178,3 @@ def test_score() -> None:
     rows = [Row(*names, "measured", seconds, i_max=error, **nothing) for *names, seconds, error in reported]
     assert make_score_rows(rows) == [("1e-3", "3", "2", "2", "2", "3 (b)")]
     assert make_score_rows([each for each in rows if each.curve != "auto"]) == []
-
-
-def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file = tmp_path / "scene.toml"
-    file.write_text(
-        'nodes = 6\n[[layer]]\nphase = "isotropic"\nalbedo = 0.9\nthickness = 1.0\n[field]\nmu0 = 0.6\nmu = [0.5]\n',
-        encoding="utf-8",
-    )
-    command = ["field", str(file), "-o", str(tmp_path / "out.csv"), "--method", "auto", "--threads", "1"]
-    assert main([*command, "--accuracy", "1e-3"]) == 0
-    assert "auto, rule 2 (accuracy)" in capsys.readouterr().out
-    assert main([*command, "--nodes", "8"]) == 2
-    assert "method 'auto' takes no nodes" in capsys.readouterr().err

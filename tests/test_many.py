@@ -1,7 +1,6 @@
 """Many scenes in one call, each as by itself to the last bit; fields of many beams, lists of geometries; light that is
 light."""
 
-import pickle
 import warnings
 
 import numpy as np
@@ -155,15 +154,7 @@ def test_an_interruption_stops_them(monkeypatch):
     assert len(calls) == 1
 
 
-def test_results_are_read_only_and_go_through_pickles_and_bad_scenes_are_named():
-    found = vrte.brdfs(make_scenes(6), MU, MU, PHI, nodes=8)[0]
-    with pytest.raises(ValueError, match="read-only"):
-        found.mueller[0] = 1.0
-    again = pickle.loads(pickle.dumps(found))
-    assert np.array_equal(again.mueller, found.mueller)
-    assert again.diagnostics == found.diagnostics
-    with pytest.raises(AttributeError, match="nothing"):
-        _ = found.nothing
+def test_bad_scenes_are_named():
     assert vrte.brdfs([], MU, MU) == []
     with pytest.raises(SceneError, match=r"scene 2 of 2: scene must be a vrte\.Scene, not str"):
         vrte.brdfs([make_scenes(1)[0], "gold"], MU, MU)

@@ -13,9 +13,9 @@ import vrte
 from vrte import SceneError, Spectrum
 from vrte.basics.arrays import Array
 from vrte.calls.spectrum import prepare_scenes
-from vrte.exports.export import FORMATS, GAP, compare, list_beams, take_off_surface, write_nested_scene
+from vrte.exports.export import FORMATS, GAP, list_beams, take_off_surface, write_nested_scene
 from vrte.exports.lobes import follow_mueller
-from vrte.exports.polarized import PolarizedFile, make_axes, tabulate, tabulate_polarized
+from vrte.exports.polarized import tabulate_polarized
 from vrte.formats.measured_polarized import directions, make_unit_vectors, read_tensors, write_tensors
 from vrte.formats.scene_file import make_scene_file
 from vrte.optics.facets import RoughSurface
@@ -32,7 +32,6 @@ GREY: dict[str, Any] = {
     "base": {"kind": "lambertian", "albedo": ALBEDO},
     "brdf": {"mu_i": 0.5, "mu_o": 0.5},
 }
-WHITE = GREY | {"base": {"kind": "lambertian", "albedo": 1.0}}
 GOLD = GREY | {
     "nodes": 16,
     "particles": {"gold": {"index": "gold", "radius_um": 0.2}},
@@ -58,19 +57,6 @@ def random_directions(count: int, seed: int, lowest: float = 0.0) -> Array:
     """Unit vectors (count, 3) of the upper hemisphere, evenly spread over it."""
     random = np.random.default_rng(seed)
     return make_unit_vectors(random.uniform(lowest, 1.0, count), random.uniform(-np.pi, np.pi, count))
-
-
-def test_a_table_converges(gold: Spectrum) -> None:
-    """The error of linear interpolation falls with the square of the step."""
-    pairs = np.linspace(0.15, 0.95, 6)
-    exact = vrte.spectrum(GOLD, [0.65], mu_i=pairs, mu_o=pairs[:5], phi=np.arange(7.0, 360.0, 50.0))
-    found = []
-    for step in (10.0, 5.0, 2.5):
-        axes = make_axes(step)
-        table = tabulate(Spectrum([0.65], (gold[4],)), [None], axes)
-        found.append(compare(PolarizedFile(np.array([650], np.uint16), axes, table), exact, None)[0])
-    assert_close(np.log2(np.divide(found[:-1], found[1:])), 2.0, rtol=0.0, atol=0.4)
-    assert found[-1] < 3e-3
 
 
 def test_what_is_no_table_is_refused(gold: Spectrum, tmp_path: Path) -> None:

@@ -421,15 +421,3 @@ def test_mixture_of_species() -> None:
     assert "0.7 of spheres" in mixed.description
     hollow = vrte.coated_spheres("air", 1.59, core_ratio=0.8, radius_um=0.1, wavelength_um=0.6)
     assert [len(one.substances) for one, _ in vrte.mixture([(hollow, 0.4), (silica, 0.6)]).balls] == [2, 1]
-
-
-def test_particles_pickle_and_stay_read_only() -> None:
-    gold = vrte.spheres("gold", size=vrte.Tabulated([0.1, 0.2], [1.0, 2.0]), wavelength_um=0.5)
-    copy = pickle.loads(pickle.dumps(gold))
-    assert copy.extinction_um2 == gold.extinction_um2
-    np.testing.assert_array_equal(copy.phase_matrix.coefficients, gold.phase_matrix.coefficients)
-    for array in (copy.phase_matrix.a1, copy.balls[0][0].size.radius_um):
-        with pytest.raises(ValueError, match="read-only"):
-            array[0] = 1.0
-    with pytest.raises(AttributeError):
-        copy.albedo = 0.5

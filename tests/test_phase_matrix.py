@@ -151,19 +151,6 @@ def test_published_tables_are_physical(reference: Callable[[str], Path]) -> None
         assert PhaseMatrix(**{name: table[name] for name in NAMES}).a1[0] == 1.0
 
 
-def test_frozen_read_only_and_pickled() -> None:
-    matrix = pickle.loads(pickle.dumps(vrte.rayleigh(0.03)))
-    np.testing.assert_array_equal(matrix.coefficients, vrte.rayleigh(0.03).coefficients)
-    for name in NAMES:
-        with pytest.raises(ValueError, match="read-only"):
-            getattr(matrix, name)[0] = 2.0
-    with pytest.raises(AttributeError):
-        matrix.a1 = np.ones(1)
-    given = np.array([1.0, 0.2])
-    PhaseMatrix(given)
-    given[1] = 0.3  # the caller's array stays the caller's
-
-
 def test_an_expansion_cut_short_is_taken_with_a_warning_where_asked() -> None:
     """The spheroids of Siewert (2000), problem IIA, without their last terms: negative straight back."""
     nine, seven = (np.array(SPHEROIDS[:terms]).T for terms in (9, 7))

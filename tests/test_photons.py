@@ -142,28 +142,6 @@ def test_energy_is_conserved_photon_by_photon() -> None:
     assert grey.lost[0] > 0.05
 
 
-def test_rayleigh_once_in_closed_form() -> None:
-    """A thin layer: F/(4 pi) over both cosines, its frames turned by spherical trigonometry."""
-    tau, mu_i = 1e-6, 0.6
-    thin = vrte.Scene([vrte.Layer(vrte.rayleigh(0.0), 1.0, tau)])
-    found = vrte.photons(thin, mu_i, MU_EDGES, PHI_EDGES, photons=400_000)
-    mu, weight = spread(MU_EDGES, 8)
-    phi, share = spread(PHI_EDGES, 8)
-    x, y = np.broadcast_arrays(mu[:, :, None, None], np.radians(phi))
-    sine_i, sine = math.sqrt(1.0 - mu_i**2), np.sqrt(1.0 - x**2)
-    cosine = -mu_i * x + sine_i * sine * np.cos(y)
-    along = 0.75 * (1.0 + cosine**2) / (4.0 * np.pi) * tau / mu_i  # flux out over flux in, per steradian
-    # a dipole's field: theta-hat of what comes in along those of what goes out
-    parallel = mu_i * -x * np.cos(y) + sine_i * sine, -x * np.sin(y)
-    across = -mu_i * np.sin(y) * -1.0, np.cos(y)
-    q = 0.375 * (parallel[0] ** 2 + parallel[1] ** 2 - across[0] ** 2 - across[1] ** 2) / (4.0 * np.pi) * tau / mu_i
-    area = 2.0 * weight[:, :, None, None] * np.radians(share)
-    right = [(each * area).sum(axis=(1, 3)) for each in (along, 2.0 * q)]
-    for row in (0, 1):
-        off = (found.up[0, 0, :, :, row, 0] - right[row]) / found.up_error[0, 0, :, :, row, 0]
-        assert np.abs(off).max() < MOST
-
-
 def test_fields_at_depths() -> None:
     layers = vrte.Scene([GLASS, vrte.Layer(RAYLEIGH, 0.9, 0.5), vrte.Layer(GOLD, 0.8, 0.5)], vrte.Lambertian(0.3))
     tau = [0.0, 0.2, 0.5, 1.0]

@@ -71,12 +71,18 @@ def test_mueller_base_is_called_with_arrays_that_it_may_overwrite() -> None:
 
 
 def test_everything_pickles_or_says_what_does_not() -> None:
-    gold = vrte.spheres((0.2, 3.5), radius_um=0.05, wavelength_um=0.64)
+    gold = vrte.spheres("gold", size=vrte.Tabulated([0.1, 0.2], [1.0, 2.0]), wavelength_um=0.64)
     layers = [vrte.Layer.of(gold, thickness=2.0), vrte.Layer(vrte.rayleigh(), 0.9, math.inf)]
     copy = pickle.loads(pickle.dumps(vrte.Scene(layers, vrte.MuellerBase(rough_mirror))))
     assert (copy.base.function, copy.layers[0].albedo) == (rough_mirror, gold.albedo)
     np.testing.assert_array_equal(copy.layers[0].phase_matrix.b2, gold.phase_matrix.b2)
-    assert not copy.layers[0].phase_matrix.b2.flags.writeable
+    again = pickle.loads(pickle.dumps(gold))
+    assert again.extinction_um2 == gold.extinction_um2
+    arrays = [getattr(again.phase_matrix, name) for name in ("a1", "a2", "a3", "a4", "b1", "b2")]
+    assert not any(one.flags.writeable for one in [*arrays, again.balls[0][0].size.radius_um])
+    for frozen, name in ((again, "albedo"), (again.phase_matrix, "a1")):
+        with pytest.raises(AttributeError):
+            setattr(frozen, name, 0.5)
     assert pickle.loads(pickle.dumps(vrte.Lambertian(0.2))) == vrte.Lambertian(0.2)
     for function in (lambda i, o, p: 0.1 * np.eye(4), NotPickled()):
         with pytest.raises(vrte.SceneError, match=r"MuellerBase function .*(lambda|NotPickled).* cannot be pickled"):
