@@ -61,6 +61,9 @@ CORE = list_faults(
      "sign of the plane of incidence in the frame of what flakes send out", "flakes"),
     ("flake-energy", "optics/flake_orders.py", "0, 0] += missing / weight", "0, 0] += 0.0 * missing / weight",
      "what quadrature misses of the energy of mirrors is left out", "flakes"),
+    ("plate-retarder", "optics/flakes.py", "row[3, 2] = -weights @ (im * turn), weights @",
+     "row[3, 2] = weights @ (im * turn), -weights @",
+     "sign of U from V in light that passes plates", "plates"),
     ("doubling-end", "core/doubling.pxi", "if gap < 1e-9 and", "if gap < 1e-2 and",
      "doublings of a semi-infinite layer end too early", "every_way"),
     ("invariance-end", "core/kernels/steps.h", "gap * rate / (1.0 - rate) / largest", "gap * rate / largest",
@@ -151,7 +154,7 @@ METHODS = list_faults(
 )  # fmt: skip
 
 OTHERS = list_faults(
-    ("fresnel-v", "optics/fresnel.py", "= mixed.imag, -mixed.imag", "= -mixed.imag, mixed.imag",
+    ("fresnel-v", "optics/fresnel.py", "= elements[..., 3], -elements[..., 3]", "= -elements[..., 3], elements[..., 3]",
      "sign of V of light reflected by a metal, or totally", "interfaces optics"),
     ("delta-m", "optics/truncation.py", "stretch, albedo / stretch)", "stretch, albedo)",
      "light scattered once by all terms lacks the factor of the TMS method", "truncation"),

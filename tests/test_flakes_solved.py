@@ -13,7 +13,6 @@ from vrte.basics.arrays import Array
 from vrte.basics.quadrature import find_gauss_legendre
 from vrte.basics.running import start_run
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
-from vrte.discrete_ordinates.orders.oriented_flakes import scatter_flux
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled
 from vrte.discrete_ordinates.orders.slab_response import respond_by_doubling
 
@@ -308,7 +307,7 @@ def test_flux_that_flakes_scatter_is_that_of_a_plain_sum() -> None:
         along = mu * h[0] - sine * upright  # along theta-hat, and h[1] across
         cosine = (along**2 - h[1] ** 2) / (along**2 + h[1] ** 2)
         right = [share @ (np.abs(c) * part).sum(axis=1) for part in (0.5 * (r_p + r_s), 0.5 * (r_p - r_s) * cosine)]
-        assert_close(scatter_flux(METAL, np.array([mu]))[0], right, rtol=0.0, atol=3e-6)
+        assert_close(METAL.scatter_flux([mu])[0], right, rtol=0.0, atol=3e-6)
 
 
 @pytest.mark.usefixtures("opencl")

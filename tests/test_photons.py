@@ -3,6 +3,7 @@
 import math
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +74,7 @@ GOLD = find_phase_matrix("red gold powder")
 SPHEROIDS = find_phase_matrix("spheroids")
 GLASS, GGX = vrte.Interface(1.0, 1.5), vrte.Interface(1.0, 1.5, roughness=0.5, distribution="ggx")
 METALLIC = vrte.Layer(RAYLEIGH, 0.9, 0.5, flakes=vrte.flakes(0.3 + 3.0j, 12.0, host_index=1.5), flake_area=1.5)
+PEARL = vrte.flakes(None, 15.0, [(2.5, 0.06)], 0.55, 1.5, substrate=1.59)
 SCENES: dict[str, Callable[[], vrte.Scene]] = {
     "circular": lambda: vrte.Scene([vrte.Layer(SPHEROIDS, 0.99, 2.0)]),
     "two layers": lambda: vrte.Scene([vrte.Layer(GOLD, 0.8, 1.0), vrte.Layer(RAYLEIGH, 0.9, 0.5)]),
@@ -94,6 +96,9 @@ SCENES: dict[str, Callable[[], vrte.Scene]] = {
     "flakes": lambda: vrte.Scene([vrte.Layer.of(vrte.flakes(0.3 + 3.0j, 15.0), flake_area=2.0)]),
     "mirrors": lambda: vrte.Scene([vrte.Layer.of(vrte.flakes(None, 20.0), flake_area=1.0)], vrte.Lambertian(0.5)),
     "metallic paint": lambda: vrte.Scene([GLASS, METALLIC]),
+    "plates": lambda: vrte.Scene([vrte.Layer.of(replace(PEARL, host_index=1.0), flake_area=2.0)]),
+    "pearl paint": lambda: vrte.Scene([GLASS, vrte.Layer(RAYLEIGH, 0.9, 0.3, flakes=PEARL, flake_area=2.0)],
+                                      vrte.Lambertian(0.8)),
     "rough metallic paint": lambda: vrte.Scene([vrte.Interface(1.0, 1.5, 0.3), METALLIC], vrte.Lambertian(0.3)),
     "soil": lambda: vrte.Scene([vrte.Layer(RAYLEIGH, 0.9, 0.3)], vrte.RPV(0.2, 0.8, -0.1)),
 }  # fmt: skip

@@ -215,16 +215,22 @@ cdef void turn_to_meridians(double strength, cplx p, cplx s, double a_i, double 
                             double (*z)[4]) noexcept nogil:
     """z: strength times what amplitudes p and s do to Stokes vectors in meridian planes; s lies along (a, b) in l and r
     of light in and out."""
-    cdef double norm, c2, s2, d2, e2, a, b, re, im
+    cdef double a, b, re, im
+    a = 0.5 * strength * (p.real * p.real + p.imag * p.imag)
+    b = 0.5 * strength * (s.real * s.real + s.imag * s.imag)
+    re = strength * (p.real * s.real + p.imag * s.imag)
+    im = strength * (p.imag * s.real - p.real * s.imag)
+    turn_elements(a + b, a - b, re, im, a_i, b_i, a_o, b_o, z)
+
+
+cdef void turn_elements(double a, double b, double re, double im, double a_i, double b_i, double a_o, double b_o,
+                        double (*z)[4]) noexcept nogil:
+    """The same of a Mueller matrix with the elements 11, 12, 33 and 34 in the plane of incidence."""
+    cdef double norm, c2, s2, d2, e2
     norm = 1.0 / (a_i * a_i + b_i * b_i)
     c2, s2 = (b_i - a_i) * (b_i + a_i) * norm, -2.0 * a_i * b_i * norm
     norm = 1.0 / (a_o * a_o + b_o * b_o)
     d2, e2 = (b_o - a_o) * (b_o + a_o) * norm, -2.0 * a_o * b_o * norm
-    a = 0.5 * strength * (p.real * p.real + p.imag * p.imag)
-    b = 0.5 * strength * (s.real * s.real + s.imag * s.imag)
-    a, b = a + b, a - b
-    re = strength * (p.real * s.real + p.imag * s.imag)
-    im = strength * (p.imag * s.real - p.real * s.imag)
     z[0][0], z[0][1], z[0][2], z[0][3] = a, b * c2, b * s2, 0.0
     z[1][0], z[1][1] = d2 * b, d2 * a * c2 + e2 * re * s2
     z[1][2], z[1][3] = d2 * a * s2 - e2 * re * c2, -e2 * im

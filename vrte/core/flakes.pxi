@@ -50,35 +50,33 @@ cdef void flake_mueller(const Arrays* f, const Pair* g, double sh, double ch, do
     """z: weight times Z at an azimuth whose half has the sine sh and the cosine ch; its tilt lies below that edge."""
     cdef double full = 2.0 * sh * ch, across = g.across + g.apart * sh * sh, tilt = atan(sqrt(across / g.vertical))
     cdef double cosine = min(0.5 * sqrt(across + g.vertical), 1.0), a_i, b_i, a_o, b_o, part
+    cdef double m[4]
     cdef cplx p, s
     if f.roughness > 0.0:
         weight *= f.density[0] * exp(-0.5 * (tilt / f.roughness) * (tilt / f.roughness))
     else:
         part = (tilt - f.edges[edge - 1]) / (f.edges[edge] - f.edges[edge - 1])
         weight *= f.density[edge - 1] + part * (f.density[edge] - f.density[edge - 1])
-    if f.amplitudes == NULL:
-        reflect_flat(make(f.index, f.absorption), cosine, &p, &s)
-    else:
-        look_up(f, cosine, &p, &s)
     a_i, a_o = -g.sine_o * full, -g.sine_i * full
     b_i, b_o = g.between + 2.0 * g.mu_i * g.sine_o * sh * sh, g.between - 2.0 * g.sine_i * g.mu_o * sh * sh
     if a_i * a_i + b_i * b_i == 0.0 or a_o * a_o + b_o * b_o == 0.0:     # parallel: r of what comes
         a_i, b_i, a_o, b_o = 0.0, 1.0, -g.mu_o * full, 1.0 - 2.0 * sh * sh
-    turn_to_meridians(0.25 * weight, p, s, a_i, b_i, a_o, b_o, z)
+    weight *= 0.25
+    if f.mirror == NULL:
+        reflect_flat(make(f.index, f.absorption), cosine, &p, &s)
+        turn_to_meridians(weight, p, s, a_i, b_i, a_o, b_o, z)
+    else:
+        look_up(f, cosine, m)
+        turn_elements(weight * m[0], weight * m[1], weight * m[2], weight * m[3], a_i, b_i, a_o, b_o, z)
 
 
-cdef void look_up(const Arrays* f, double cosine, cplx* p, cplx* s) noexcept nogil:
-    """Amplitudes r_p, r_s of a table over cosines from 0 to 1, by the cubic through the four nearest."""
+cdef void look_up(const Arrays* f, double cosine, double* m) noexcept nogil:
+    """Elements 11, 12, 33 and 34 of a table over cosines from 0 to 1, by the cubic through the four nearest."""
     cdef double x = cosine * (f.n_cosine - 1), a, b, c, d
-    cdef int k = min(max(<int>x - 1, 0), f.n_cosine - 4)
-    cdef given row = f.amplitudes + 4 * k
+    cdef int k = min(max(<int>x - 1, 0), f.n_cosine - 4), j
+    cdef given row = f.mirror + 4 * k
     x -= k
     a, b = -(x - 1.0) * (x - 2.0) * (x - 3.0) / 6.0, 0.5 * x * (x - 2.0) * (x - 3.0)
     c, d = -0.5 * x * (x - 1.0) * (x - 3.0), x * (x - 1.0) * (x - 2.0) / 6.0
-    p[0] = make(weigh_four(a, b, c, d, row), weigh_four(a, b, c, d, row + 1))
-    s[0] = make(weigh_four(a, b, c, d, row + 2), weigh_four(a, b, c, d, row + 3))
-
-
-cdef inline double weigh_four(double a, double b, double c, double d, given column) noexcept nogil:
-    """Four rows of a table's column, weighed."""
-    return a * column[0] + b * column[4] + c * column[8] + d * column[12]
+    for j in range(4):
+        m[j] = a * row[j] + b * row[4 + j] + c * row[8 + j] + d * row[12 + j]

@@ -375,13 +375,14 @@ static int photon_meet_rough(const vrte_arrays* t, vrte_photon* p, int k, double
     return conserving ? photon_give_back(t, p, k, from_below) : VRTE_ENDS;
 }
 
-/* What a flake with the normal h does to light, referred to their plane: a, b, re, im of photon_act. */
+/* What a flake with the normal h does to light, referred to their plane: a, b, re, im of photon_act, of light that is
+   reflected and then of light that is let through. */
 static void photon_meet_mirror(const vrte_arrays* t, vrte_photon* p, const double* h, double* across, double* met) {
-    const double* act = t->mirrors + (size_t)4 * t->n_cosine * t->flake_of[p->layer];
+    const double* act = t->mirrors + (size_t)8 * t->n_cosine * t->flake_of[p->layer];
     double c = photon_meet_plane(p, h, across) * (t->n_cosine - 1);
     int i = c < t->n_cosine - 2 ? (int)c : t->n_cosine - 2;
-    for (int k = 0; k < 4; k++)
-        met[k] = act[4 * i + k] + (c - i) * (act[4 * i + 4 + k] - act[4 * i + k]);
+    for (int k = 0; k < 8; k++)
+        met[k] = act[8 * i + k] + (c - i) * (act[8 * i + 8 + k] - act[8 * i + k]);
 }
 
 enum { VRTE_BY_PARTICLE, VRTE_BY_FLAKE, VRTE_BY_BASE };
@@ -421,7 +422,7 @@ static void photon_scatter_to(const vrte_arrays* t, vrte_photon* p, const double
 /* Reflects a photon by flakes into the direction w: by the density of the normals that do so, over 4. */
 static void photon_mirror_to(const vrte_arrays* t, vrte_photon* p, const double* w) {
     const double* tilts = t->tilts + (size_t)3 * t->n_tilt * t->flake_of[p->layer];
-    double h[3], across[3], met[4], size;
+    double h[3], across[3], met[8], size;
     for (int k = 0; k < 3; k++)
         h[k] = w[k] - p->w[k];
     size = fmax(sqrt(photon_dot(h, h)), 1e-300);
@@ -509,10 +510,10 @@ static int photon_meet_surface(const vrte_arrays* t, vrte_photon* p, int k) {
 }
 
 /* A flake, its normal by the density of tilts. It is met by the area that it turns to the light: if not, the photon
-   goes on as it was. */
+   goes on as it was. What a plate lets through goes straight on, and a beam is still one. */
 static int photon_meet_flake(const vrte_arrays* t, vrte_photon* p) {
     const double* cosines = t->tilts + (size_t)3 * t->n_tilt * t->flake_of[p->layer];
-    double u = photon_chance(p), s, c, h[3], across[3], met[4];
+    double u = photon_chance(p), s, c, h[3], across[3], met[8];
     int i = photon_find(t->n_tilt, cosines + t->n_tilt, u, &s);
     h[2] = cosines[i] + s * (cosines[i + 1] - cosines[i]);
     photon_any_angle(p, &c, &s);
@@ -523,10 +524,16 @@ static int photon_meet_flake(const vrte_arrays* t, vrte_photon* p) {
     if (photon_chance(p) >= fabs(c))
         return VRTE_GOES_ON;
     t->spent[0] += 1.0;
-    p->is_beam = 0;
     photon_meet_mirror(t, p, h, across, met);
-    double share = met[0] + met[1] * p->m[1][0] / p->m[0][0];
-    if (share < 1.0 - 1e-14 && photon_chance(p) >= share) {
+    double ratio = p->m[1][0] / p->m[0][0], share = met[0] + met[1] * ratio, passed = met[4] + met[5] * ratio;
+    u = share < 1.0 - 1e-14 ? photon_chance(p) : 0.0;
+    if (u >= share && passed > 0.0 && (u < share + passed || share + passed > 1.0 - 1e-12)) {
+        photon_act(p->m, met[4], met[5], met[4], met[6], met[7], met[6], 1.0 / passed);
+        photon_cross(p->w, across, p->l);
+        return VRTE_GOES_ON;
+    }
+    p->is_beam = 0;
+    if (u >= share) {
         photon_keep(t, p, p->layer, 1.0);
         return VRTE_ENDS;
     }

@@ -29,6 +29,9 @@ def trace_views(task: Task, each: int) -> list[Counted]:
     request = task.request
     scene, count = request.scene, request.mu0.size
     mu = task.mu[:0] if request.fluxes_only else task.mu
+    if mu.size and any(layer.has_flakes and layer.flakes and layer.flakes.is_transparent for layer in scene.layers):
+        why = "follows no light along single directions past transparent flakes: vrte.photons has bins"
+        raise SceneError.of("method", f"{request.method!r} {why}")
     places = find_places(scene, request.tau, find_under(request))
     views, seed = make_views(scene, places, mu, request.phi), task.settings["seed"]
     return [

@@ -11,7 +11,6 @@ from vrte.basics.quadrature import find_gap
 from vrte.optics.facet_energy import find_lost, find_strengths
 from vrte.optics.facets import RoughSurface
 from vrte.optics.flakes import Flakes
-from vrte.optics.fresnel import make_mueller
 from vrte.optics.phase_matrix import PhaseMatrix
 from vrte.scene.layer import Layer
 from vrte.scene.scene import Scene
@@ -70,7 +69,7 @@ def describe_scene(scene: Scene, mu_i: float, deepest: float) -> Described:
         ),
         "flake_share": np.array([find_flake_share(layer) for layer in layers]),
         "tilts": np.array([tabulate_tilts(one) for one in kinds]).reshape(-1, 3, TILTS),
-        "mirrors": np.array([tabulate_mirror(one) for one in kinds]).reshape(-1, COSINES, 4),
+        "mirrors": np.array([tabulate_mirror(one) for one in kinds]).reshape(-1, COSINES, 8),
         "surface_kind": kind,
         "surface_numbers": numbers,
         "lost": lost,
@@ -119,9 +118,8 @@ def tabulate_tilts(flakes: Flakes) -> Array:
 
 
 def tabulate_mirror(flakes: Flakes) -> Array:
-    """What a flake does to light at evenly spaced cosines, (COSINES, 4): (|p|^2 +- |s|^2)/2, Re and Im of p s*."""
-    mueller = make_mueller(*flakes.reflect(np.linspace(0.0, 1.0, COSINES)))
-    return mueller[:, [0, 0, 2, 2], [0, 1, 2, 3]]
+    """What a flake reflects and lets through at evenly spaced cosines, (COSINES, 8), as of `Flakes.list_elements`."""
+    return np.concatenate(flakes.list_elements(np.linspace(0.0, 1.0, COSINES)), axis=-1)
 
 
 def describe_facets(surface: RoughSurface) -> tuple[Array, Array]:

@@ -17,19 +17,31 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vrte.basics.arrays import Array
+from vrte.optics.fresnel import list_elements
+
 Complex = NDArray[np.complex128]
 Film = tuple[complex, float]  # refractive index n + ik, thickness [um]
+GRAZING = 1e-9  # the least cosine of light on a plate
 
 
 def find_amplitudes(
-    outside: float, films: Sequence[Film], inside: complex | None, cosine: Any, wavelength_um: float
+    outside: float,
+    films: Sequence[Film],
+    inside: complex | None,
+    cosine: Any,
+    wavelength_um: float,
+    behind: Any = None,
 ) -> tuple[Complex, Complex, Complex, Complex]:
     """r_p, r_s, t_p, t_s (...) of films from the outside in, on a medium ``inside`` (None: a perfect mirror), for
-    cosines of incidence (...) in the medium ``outside``; t of fields, in the medium inside."""
+    cosines of incidence (...) in the medium ``outside``; t of fields, in the medium inside, ``behind``: the cosine
+    there, where it is known better."""
     cosine = np.asarray(cosine, float)
     last = 1.0 if inside is None else inside
     indices = [complex(outside), *(index for index, _ in films), complex(last)]
     roots = [outside * cosine + 0j, *(find_root(index, outside, cosine) for index in indices[1:])]
+    if behind is not None:
+        roots[-1] = last * behind + 0j
     lengths = [0.0, *(thickness for _, thickness in films)]
     found: list[Complex] = []
     for polarization in "ps":
@@ -47,6 +59,28 @@ def find_amplitudes(
             r, t = (r_12 + below) / (1.0 + r_12 * below), t_12 * t * phase / (1.0 + r_12 * below)
         found += [r, t]
     return found[0], found[2], found[1], found[3]
+
+
+def find_plate(
+    outside: float, films: Sequence[Film], substrate: float, cosine: Any, wavelength_um: float
+) -> tuple[Array, Array]:
+    """What a clear plate under the same films on both faces reflects and lets through, elements 11, 12, 33 and 34 of
+    Mueller matrices (..., 4). Light that goes to and fro between the faces is added up without phases: plates differ in
+    thickness by more than a wavelength."""
+    cosine = np.maximum(np.asarray(cosine, float), GRAZING)  # where nothing gets in, it cannot be divided by
+    square = 1.0 - (outside / substrate) ** 2 * (1.0 - cosine) * (1.0 + cosine)
+    gets_in, inside = square > 0.0, np.sqrt(np.maximum(square, GRAZING**2))
+    front = find_amplitudes(outside, films, substrate, cosine, wavelength_um)
+    back = find_amplitudes(substrate, films[::-1], outside, inside, wavelength_um, cosine)
+    r, own = front[:2], back[:2]
+    through = [np.where(gets_in, down * up, 0.0) for down, up in zip(front[2:], back[2:], strict=True)]
+    reflected, passed = [], []
+    for x, y in ((0, 0), (1, 1), (0, 1)):
+        turned = own[x] * own[y].conj()  # at a face, from within
+        once = through[x] * through[y].conj() / (1.0 - turned**2)
+        passed.append(once)
+        reflected.append(r[x] * r[y].conj() + once * turned)
+    return tuple(list_elements(each[0].real, each[1].real, each[2]) for each in (reflected, passed))  # type: ignore[return-value]
 
 
 def find_root(index: complex, outside: float, cosine: Any) -> Complex:

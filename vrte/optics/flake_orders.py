@@ -72,7 +72,7 @@ def gather_flake_orders(
         part = between[:, :, way]
         part[...] = 0.5 * (part + turned[:, None] * part.transpose(0, 2, 1, 4, 3) * turned)
     if flakes.is_conserving:
-        missing = flakes.project(mu_node) - np.einsum("dsj,j->d", between[0, :, :, :, 0, 0], weight)
+        missing = flakes.extinguish(mu_node)[:, 0, 0] - np.einsum("dsj,j->d", between[0, :, :, :, 0, 0], weight)
         here = np.arange(mu_node.size)
         between[0, here, SAME, here, 0, 0] += missing / weight
     return found
@@ -113,7 +113,7 @@ def integrate_azimuths(
         n_order=n_order,
         index=index.real,
         absorption=index.imag,
-        amplitudes=flakes.amplitudes,
+        mirror=flakes.mirror,
         roughness=math.radians(flakes.tilt_deg or 0.0),
         edges=np.ascontiguousarray(edges),
         density=flakes.find_density(edges),

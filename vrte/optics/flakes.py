@@ -8,6 +8,8 @@ unit of flake area (one side), w' and w the directions of travel before and afte
 G is extinction, Z [1/sr] scattering; int Z dw = int Dh |w'.h| R dh, so that a perfect mirror loses nothing. Light that
 flakes diffract stays in the beam and is not counted.
 
+Clear plates let light through straight on: their extinction is a matrix, the mean of |w.m| (1 - T) over normals.
+
 Source: Jakob, Arbree, Moon, Bala and Marschner, ACM Trans. Graph. 29, 53 (2010), microflakes without polarization; M
 from Jones vectors as for facets (docs/explanation/flakes.md).
 """
@@ -23,13 +25,22 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vrte.basics.arrays import Array, check_fields, check_list, check_number, check_numbers, check_whole, freeze_copy
+from vrte.basics.arrays import (
+    Array,
+    Remembered,
+    check_fields,
+    check_list,
+    check_number,
+    check_numbers,
+    check_whole,
+    freeze_copy,
+)
 from vrte.basics.errors import SceneError
 from vrte.basics.quadrature import find_gauss_legendre
 from vrte.optics.facets import make_rotation
-from vrte.optics.films import Film, find_amplitudes
-from vrte.optics.fresnel import make_mueller
-from vrte.optics.particles import HOST_ALLOWED, LIMITS, find_absorption, find_host_index, find_named_index
+from vrte.optics.films import Film, find_amplitudes, find_plate
+from vrte.optics.fresnel import lay_out_mueller, list_elements
+from vrte.optics.particles import HOST_ALLOWED, LIMITS, SAME_INDEX, find_absorption, find_host_index, find_named_index
 from vrte.optics.refractive_index import IndexTable, Material, check_wavelength
 
 MAKE_UPS = tomllib.loads(Path(__file__).with_name("named_flakes.toml").read_text("utf-8"))
@@ -39,14 +50,18 @@ FARTHEST = 8.5  # tilts over sigma: beyond, a Gaussian's density is below the ro
 POINTS = 16  # of Gauss's rule in a panel: G to 1e-14 in panels a sigma wide
 STEPS = 2048  # of a table of tilts that others sample from
 MOST_TILTS = 1000  # rows of a table
-TABLE_ALLOWED, MOST_COSINES = 1e-9, 20_000  # of amplitudes between rows of a table, and its rows
+TABLE_ALLOWED, MOST_COSINES = 1e-9, 20_000  # of what flakes reflect between rows of a table, and its rows
+NORMALS = 20  # of Gauss's rule in a panel of tilts, and on either side of the azimuth where flakes are lit edgewise
+CLEAR_PLATE = 1e-6  # k of a plate's substrate: at 1 um of mica it takes 2e-5 of the light
+BOTH_CORES = "flakes: give either index, of an opaque core, or substrate, of clear plates"
+_EXTINGUISHED = Remembered()
 MOST_FILMS, THICKEST = 100, 100.0  # [um]
 MOST_ORDERS = 10_000  # of Fourier
 
 
 @dataclass(frozen=True, repr=False)
 class Flakes:
-    """Flat mirrors in a medium, tilted at random: how a unit of their area attenuates and scatters light.
+    """Flat mirrors or clear plates in a medium, tilted at random: how a unit of their area attenuates and scatters.
 
     Parameters
     ----------
@@ -63,11 +78,13 @@ class Flakes:
     host_absorption : float, optional
         Of that medium [1/um], 4 pi k/wavelength.
     films : sequence of (complex, float), optional
-        Refractive index and thickness [um] of thin films on both faces of the core, from the outside in.
+        Refractive index and thickness [um] of thin films on both faces, from the outside in.
     wavelength_um : float or None, optional
         In vacuum [um], needed with films.
     description : str, optional
         In words, what they are and where their refractive indices come from.
+    substrate : float or None, optional
+        Refractive index of clear plates, which let light through straight on; ``index`` is then None.
 
     Examples
     --------
@@ -85,19 +102,25 @@ class Flakes:
     films: Annotated[tuple[Film, ...], Any] = ()
     wavelength_um: float | None = None
     description: str = ""
+    substrate: float | None = None
 
     def __post_init__(self) -> None:
         if (self.tilt_deg is None) == (self.tilt_table is None):
             raise SceneError("flakes: give either tilt_deg or tilt_table", "tilt_deg")
         limits = {"tilt_deg": TILT_ALLOWED, "host_index": HOST_ALLOWED, "host_absorption": LIMITS["host_absorption"]}
-        check_fields("flakes: ", self, limits)
+        check_fields("flakes: ", self, limits | {"substrate": HOST_ALLOWED})
         if self.tilt_table is not None:
             object.__setattr__(self, "tilt_table", check_tilts(self.tilt_table))
+        if self.index is not None and self.substrate is not None:
+            raise SceneError(BOTH_CORES, "substrate")
         if self.index is not None:
             object.__setattr__(self, "index", find_named_index("index", self.index, 1.0).value)
         if self.wavelength_um is not None:
             object.__setattr__(self, "wavelength_um", check_wavelength(self.wavelength_um))
         object.__setattr__(self, "films", check_stack("films", self.films, self.wavelength_um)[0])
+        if self.substrate is not None and not self.films and abs(self.substrate / self.host_index - 1.0) < SAME_INDEX:
+            why = f"is that of the medium, {self.host_index:g}: such plates do nothing to light"
+            raise SceneError.of("flakes: substrate", why)
 
     def __repr__(self) -> str:
         return f"Flakes({self.in_words})"
@@ -105,18 +128,37 @@ class Flakes:
     @property
     def in_words(self) -> str:
         """What they are made of, and how they are tilted."""
-        what = self.description or ("perfect mirrors" if self.index is None else f"index {self.index:.6g}")
+        core = "perfect mirrors" if self.index is None else f"index {self.index:.6g}"
+        what = self.description or (core if self.substrate is None else f"plates of index {self.substrate:.6g}")
         return f"{what}, " + (f"tilt {self.tilt_deg:g} degrees" if self.tilt_deg is not None else "tilts of a table")
 
     @property
     def is_conserving(self) -> bool:
-        """Whether they absorb nothing: perfect mirrors, under films without absorption."""
+        """Whether they absorb nothing: perfect mirrors or clear plates, under films without absorption."""
         return self.index is None and not any(complex(index).imag for index, _ in self.films)
 
+    @property
+    def is_transparent(self) -> bool:
+        """Whether they are clear plates, which let light through."""
+        return self.substrate is not None
+
     def reflect(self, cosine: Any) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """Amplitudes r_p and r_s (...) at cosines of incidence (...), along theta-hat and phi-hat as of a surface."""
+        """Amplitudes r_p and r_s (...) of opaque flakes at cosines of incidence (...), along theta-hat and phi-hat as
+        of a surface."""
         cosine = np.abs(check_cosine("cosine", cosine))
+        if self.is_transparent:
+            raise SceneError("flakes: plates reflect at both faces, and have no amplitudes")
         return find_amplitudes(self.host_index, self.films, self.index, cosine, self.wavelength_um or 1.0)[:2]
+
+    def list_elements(self, cosine: Any) -> Array:
+        """What a flake reflects (0) and lets through (1) at cosines of incidence (...): the elements 11, 12, 33 and 34
+        of its Mueller matrices in the plane of incidence, (2, ..., 4)."""
+        if self.substrate is not None:
+            cosine = np.abs(check_cosine("cosine", cosine))
+            return np.stack(find_plate(self.host_index, self.films, self.substrate, cosine, self.wavelength_um or 1.0))
+        p, s = self.reflect(cosine)
+        found = list_elements(np.abs(p) ** 2, np.abs(s) ** 2, p * s.conj())
+        return np.stack([found, np.zeros_like(found)])
 
     @property
     def width(self) -> float:
@@ -164,15 +206,14 @@ class Flakes:
         return freeze_copy(tilt), freeze_copy(self.find_density(tilt))
 
     @cached_property
-    def amplitudes(self) -> Array | None:
-        """Real and imaginary r_p and r_s at even steps of the cosine (cosine, 4), so many that cubics between them are
-        right to TABLE_ALLOWED; None where an index is all."""
+    def mirror(self) -> Array | None:
+        """What flakes reflect, as `list_elements` has it, at even steps of the cosine (cosine, 4), so many that cubics
+        between them are right to TABLE_ALLOWED; None where the index of an opaque core is all."""
         if self.index is not None and not self.films:
             return None
         count = 4
         while True:
-            p, s = self.reflect(np.linspace(0.0, 1.0, 2 * count - 1))
-            table = np.stack([p.real, p.imag, s.real, s.imag], axis=-1)
+            table = self.list_elements(np.linspace(0.0, 1.0, 2 * count - 1))[0]
             rows = np.arange(1, count - 2)
             between = (9.0 * (table[2 * rows] + table[2 * rows + 2]) - table[2 * rows - 2] - table[2 * rows + 4]) / 16.0
             if np.abs(between - table[2 * rows + 1]).max() < TABLE_ALLOWED or count > MOST_COSINES:
@@ -180,7 +221,7 @@ class Flakes:
             count = 2 * count - 1
 
     def project(self, mu: Any) -> Array:
-        """G (...), extinction per unit of flake area, at cosines mu (...) of either sign."""
+        """G (...), the area that a unit of flake area turns to light along cosines mu (...) of either sign."""
         mu = np.abs(check_cosine("mu", mu))
         cosine, sine = mu.ravel()[:, None, None], np.sqrt((1.0 - mu) * (1.0 + mu)).ravel()[:, None, None]
         x, weights = find_gauss_legendre(POINTS)
@@ -203,6 +244,65 @@ class Flakes:
         found = found + weights * 2.0 * root * (stop - start) * self.find_density(tilt) * np.sin(tilt) * around
         return np.asarray(found.sum(axis=(1, 2)).reshape(mu.shape))
 
+    def _spread_normals(self, along: float) -> tuple[Array, Array, Array]:
+        """Points of an integral over the normals that light along a cosine meets, (point,): weights, which add up to G;
+        cosines of incidence; cos 2 alpha, alpha from the meridian plane to that of incidence."""
+        x, weights = find_gauss_legendre(NORMALS)
+        x, weights = 0.5 * (x + 1.0), 0.5 * weights
+        along, whole = abs(along), self.project(along)
+        sine = math.sqrt((1.0 - along) * (1.0 + along))
+        kink = math.atan2(along, sine)  # tilt from which on some flakes are lit from below
+        edges = self.panels
+        low = np.append(edges[edges < kink], min(kink, edges[-1]))
+        high = np.sqrt(np.append(0.0, edges[edges > kink] - kink))  # the square root at the kink becomes smooth
+        root, rate = ((high[:-1, None] + x * np.diff(high)[:, None]).ravel(), np.diff(high)[:, None] * weights)
+        tilt = np.concatenate([(low[:-1, None] + x * np.diff(low)[:, None]).ravel(), kink + root**2])
+        share = np.concatenate([(np.diff(low)[:, None] * weights).ravel(), 2.0 * root * rate.ravel()])
+        share *= np.sin(tilt) * self.find_density(tilt)
+        upright, across = (each[:, None] for each in (along * np.cos(tilt), sine * np.sin(tilt)))
+        edge = np.arccos(np.clip(-upright / np.maximum(across, 1e-300), -1.0, 1.0))
+        psi = np.concatenate([edge * x, edge + x * (math.pi - edge)], axis=1)
+        part = share[:, None] * np.concatenate([weights * edge, weights * (math.pi - edge)], axis=1)
+        c = upright + across * np.cos(psi)
+        # the plane of incidence has the share of the normal across the light that lies along theta-hat
+        square = (along * np.sin(tilt)[:, None] * np.cos(psi) - sine * np.cos(tilt)[:, None]) ** 2
+        turned = 2.0 * square / np.maximum((1.0 - c) * (1.0 + c), 1e-300) - 1.0
+        cosine = np.minimum(np.abs(c), 1.0)
+        part *= cosine
+        return (part * (whole / part.sum())).ravel(), cosine.ravel(), turned.ravel()
+
+    def extinguish(self, mu: Any) -> Array:
+        """Extinction matrix (..., 4, 4) of a unit of area, public Stokes frame, at cosines mu (...) of either sign: of
+        opaque flakes G; of plates the mean of 1 - T, T what each lets through straight on."""
+        mu = check_cosine("mu", mu)
+        if not self.is_transparent:
+            return self.project(mu)[..., None, None] * np.eye(4)
+
+        def find() -> tuple[Array]:
+            found = np.zeros((mu.size, 4, 4))
+            for row, one in zip(found, mu.ravel().tolist(), strict=True):
+                weights, cosine, turn = self._spread_normals(one)
+                a, b, re, im = self.list_elements(cosine)[1].T
+                of_u, of_q = a + turn * turn * (re - a), re - turn * turn * (re - a)
+                row[[0, 1, 2, 3], [0, 1, 2, 3]] = [weights @ (1.0 - each) for each in (a, of_q, of_u, re)]
+                row[0, 1] = row[1, 0] = -weights @ (b * turn)
+                row[2, 3], row[3, 2] = -weights @ (im * turn), weights @ (im * turn)
+            return (found.reshape(*mu.shape, 4, 4),)
+
+        return _EXTINGUISHED.find((self, mu.shape, mu.tobytes()), find)[0]
+
+    def scatter_flux(self, mu: Any) -> Array:
+        """Flux that a unit of area scatters of light along cosines mu (...): of I, and what Q adds to it, (..., 2)."""
+        mu = check_cosine("mu", mu)
+        if self.is_conserving:
+            return self.extinguish(mu)[..., 0, :2]
+        found = np.empty((mu.size, 2))
+        for row, one in zip(found, mu.ravel().tolist(), strict=True):
+            weights, cosine, turned = self._spread_normals(one)
+            a, b = self.list_elements(cosine)[0, :, :2].T
+            row[:] = weights @ a, weights @ (b * turned)
+        return found.reshape(*mu.shape, 2)
+
     def scatter(self, mu_out: Any, mu_in: Any, phi: Any) -> Array:
         """Z [1/sr] of a unit of area, (..., 4, 4), for signed cosines of travel and phi, out minus in [radians]: public
         Stokes frames, meridian planes of each direction. At w = w' the limit of phi = 0."""
@@ -222,7 +322,7 @@ class Flakes:
         size = np.hypot(across, along)
         forward = size == 0.0
         tilt = np.where(forward, np.arctan2(np.abs(into), sin_in), np.arctan2(across, along))
-        mueller = make_mueller(*self.reflect(0.5 * size))
+        mueller = lay_out_mueller(self.list_elements(0.5 * size)[0])
         turn_in, turn_out = turn_to_mirror(out, into, sin_out, sin_in, half)
         density = 0.25 * self.find_density(tilt)
         return np.asarray(density[..., None, None] * (turn_out.swapaxes(-1, -2) @ mueller @ turn_in))
@@ -305,8 +405,10 @@ def flakes(
     wavelength_um: float | None = None,
     host_index: Material = 1.0,
     tilts: Annotated[tuple[Sequence[float], Sequence[float]] | None, Any] = None,
+    substrate: Annotated[Material | None, Any] = None,
+    transparent: bool | None = None,
 ) -> Flakes:
-    """Oriented flakes in a binder: of a metal, of thin films on an opaque core, or perfect mirrors.
+    """Oriented flakes in a binder: of a metal, of thin films on an opaque core or on clear plates, or perfect mirrors.
 
     Parameters
     ----------
@@ -317,7 +419,7 @@ def flakes(
         sigma [degrees] of the density exp(-tilt^2/(2 sigma^2)) of normals per solid angle, 0.5 to 60; 12 unless
         ``tilts`` are given.
     stack : sequence of (material, float), optional
-        Thin films on the core, from the outside in: what each consists of, as of ``index``, and its thickness [um].
+        Thin films on both faces, from the outside in: what each consists of, as of ``index``, and its thickness [um].
     wavelength_um : float, optional
         In vacuum [um], needed where an index is a name or a table, and with a stack.
     host_index : str, complex, pair or IndexTable, optional
@@ -325,6 +427,11 @@ def flakes(
     tilts : pair of sequences, optional
         In place of ``tilt_deg``: angles [degrees], ascending from 0, and densities of normals per solid angle in any
         unit, linear between, none beyond the last.
+    substrate : str, complex, pair or IndexTable, optional
+        Of clear plates in place of an opaque core, in the same ways as ``index``: what passes a plate goes straight on.
+        Plates differ in thickness by more than a wavelength: light between their faces is added up without phases.
+    transparent : bool, optional
+        Whether they let light through: True with a ``substrate`` and False without one, which may be left out.
 
     Returns
     -------
@@ -334,7 +441,8 @@ def flakes(
     Raises
     ------
     SceneError
-        For a tilt that is not allowed, both of tilt_deg and tilts, and a name or a stack without a wavelength.
+        For a tilt that is not allowed, both of tilt_deg and tilts, or of index and substrate, a name or a stack without
+        a wavelength, and a substrate that absorbs.
 
     References
     ----------
@@ -349,12 +457,17 @@ def flakes(
     """
     if tilt_deg is not None and tilts is not None:
         raise SceneError("flakes: give either tilt_deg or tilts", "tilts")
+    if transparent is not None and transparent != (substrate is not None):
+        why = "needs a substrate" if transparent else "must be True with a substrate, or left out"
+        raise SceneError.of("flakes: transparent", why)
+    if index is not None and substrate is not None:
+        raise SceneError(BOTH_CORES, "substrate")
     words = ""
     if isinstance(index, str) and (named := MAKE_UPS.get(" ".join(index.lower().replace("_", " ").split()))):
         if stack is not None:
             raise SceneError.of("flakes: stack", f"is that of {index!r} already: leave it out, or name the core alone")
         words, index, stack = f"{index}: ", named["core"], named["stack"]
-    given = {"index": index, "host_index": host_index}
+    given = {"index": index, "substrate": substrate, "host_index": host_index}
     named_index = [name for name, one in given.items() if isinstance(one, str | IndexTable)]
     if wavelength_um is None and named_index:
         raise SceneError(f"flakes: {named_index[0]} is that of a wavelength: give wavelength_um", "wavelength_um")
@@ -367,6 +480,13 @@ def flakes(
     if index is not None:
         found = find_named_index("index", index, wavelength or 1.0)
         core, what = found.value, f"index {found.n:.6g} + {found.k:.6g}i ({found.source})"
+    plate = None
+    if substrate is not None:
+        found = find_named_index("substrate", substrate, wavelength or 1.0)
+        plate, what = found.n, f"clear plates of index {found.n:.6g} ({found.source})"
+        if found.k > CLEAR_PLATE:
+            allowed = f"must be that of a clear plate, k at most {CLEAR_PLATE:g}, not {found.k:.3g}"
+            raise SceneError.of("flakes: substrate", allowed)
     return Flakes(
         core,
         USUAL_TILT if tilt_deg is None and tilts is None else tilt_deg,
@@ -376,4 +496,5 @@ def flakes(
         films,
         wavelength,
         f"flakes: {words}{over}{'on ' if over else ''}{what}",
+        plate,
     )

@@ -47,10 +47,20 @@ def transmit_smooth(index: complex | Any, mu: Any, behind: Any = None) -> Array:
 def make_mueller(p: Any, s: Any) -> Array:
     """What amplitudes along p and s do to (I, Q, U, V), (..., 4, 4)."""
     p, s = np.broadcast_arrays(np.asarray(p, complex), np.asarray(s, complex))
-    found = np.zeros((*p.shape, 4, 4))
-    parallel, across, mixed = np.abs(p) ** 2, np.abs(s) ** 2, p * s.conj()
-    found[..., 0, 0] = found[..., 1, 1] = 0.5 * (parallel + across)
-    found[..., 0, 1] = found[..., 1, 0] = 0.5 * (parallel - across)
-    found[..., 2, 2] = found[..., 3, 3] = mixed.real
-    found[..., 2, 3], found[..., 3, 2] = mixed.imag, -mixed.imag
+    return lay_out_mueller(list_elements(np.abs(p) ** 2, np.abs(s) ** 2, p * s.conj()))
+
+
+def list_elements(parallel: Any, across: Any, mixed: Any) -> Array:
+    """Elements (..., 4) of a Mueller matrix referred to p and s: 11, 12, 33 and 34, from shares of p and of s and from
+    the product of their amplitudes, p s*, (...) each."""
+    return np.stack([0.5 * (parallel + across), 0.5 * (parallel - across), mixed.real, mixed.imag], axis=-1)
+
+
+def lay_out_mueller(elements: Array) -> Array:
+    """The matrix (..., 4, 4) of these elements (..., 4)."""
+    found = np.zeros((*elements.shape, 4))
+    found[..., 0, 0] = found[..., 1, 1] = elements[..., 0]
+    found[..., 0, 1] = found[..., 1, 0] = elements[..., 1]
+    found[..., 2, 2] = found[..., 3, 3] = elements[..., 2]
+    found[..., 2, 3], found[..., 3, 2] = elements[..., 3], -elements[..., 3]
     return found

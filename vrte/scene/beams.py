@@ -16,7 +16,7 @@ from vrte.basics.polarization import FLIP
 from vrte.optics.fresnel import reflect_smooth, transmit_smooth
 from vrte.scene.boundary import BLACK, Boundary
 from vrte.scene.interface import Interface
-from vrte.scene.oriented import find_oriented, find_slants
+from vrte.scene.oriented import Oriented, find_oriented, find_slants, polarizes_beams
 from vrte.scene.scene import Scene
 
 LAST_PLACES = 4.0  # what sums of thicknesses may be off by
@@ -111,7 +111,8 @@ def _find_interfaces(
 
 
 def pass_along(interfaces: Interfaces, decay: Array, sources: Passing) -> Passing:
-    """Light everywhere from ``sources`` on both sides of every interface; decay (layer, n) through each layer."""
+    """Light everywhere from ``sources`` on both sides of every interface; decay (layer, n) or (layer, n, 4, 4) through
+    each layer."""
     last, every = interfaces.above.shape[0] - 1, (1, 2, 3)
     one = np.eye(interfaces.above.shape[-1])
     acts = (np.stack([interfaces.down, interfaces.up]) != one).any(axis=(0, 2, 3, 4))
@@ -127,9 +128,10 @@ def pass_along(interfaces: Interfaces, decay: Array, sources: Passing) -> Passin
     seen, own = back[last], sources.rising[last]
     for k in range(last, -1, -1):
         if k < last:
-            f = decay[k][:, None, None]
-            own = add(f * (own + seen @ sources.arriving[k + 1] if lit["arriving"][k + 1] else own), "rising", k)
-            seen = f * f * seen
+            own = own + seen @ sources.arriving[k + 1] if lit["arriving"][k + 1] else own
+            own = add(attenuate(decay[k], own), "rising", k)
+            seen = attenuate(decay[k], seen)
+            seen = attenuate(decay[k], seen) if decay.ndim == 2 else seen @ decay[k]
         back[k], sent[k] = seen, own
         own = seen @ sources.entering[k] + own if lit["entering"][k] else own
         if acts[k]:
@@ -148,7 +150,7 @@ def pass_along(interfaces: Interfaces, decay: Array, sources: Passing) -> Passin
             through = through + interfaces.below[k] @ rising
         found.arriving[k], found.leaving[k] = arriving, add(leaving, "leaving", k)
         found.rising[k], found.entering[k] = rising, through
-        arriving = add(decay[k][:, None, None] * through, "arriving", k + 1) if k < last else arriving
+        arriving = add(attenuate(decay[k], through), "arriving", k + 1) if k < last else arriving
     return found
 
 
@@ -157,6 +159,27 @@ def find_decaying(thickness: Array, slants: Array) -> Array:
     with np.errstate(divide="ignore", invalid="ignore"):
         decay = np.exp(-thickness[:, None] / slants)
     return np.where(slants > 0.0, decay, 0.0)
+
+
+def find_decays(oriented: Sequence[Oriented | None], thickness: Array, cosines: Array) -> Array:
+    """What layers of that thickness (layer,) leave of light along cosines (layer, n), 0 where it does not go: numbers
+    (layer, n), or matrices (layer, n, 4, 4) where plates polarize it. ``oriented`` is empty where none has flakes."""
+    decays = find_decaying(thickness, find_slants(oriented, cosines))
+    if not polarizes_beams(oriented):
+        return decays
+    found = decays[..., None, None] * np.eye(4)
+    for k, one in enumerate(oriented):
+        if one is not None and one.polarizes and np.isfinite(thickness[k]):
+            goes = cosines[k] > 0.0
+            rates, parts = one.find_rates(cosines[k, goes])
+            left = np.exp(-rates * (thickness[k] / cosines[k, goes, None]))
+            found[k, goes] = np.einsum("nr,nrab->nab", left, parts).real
+    return found
+
+
+def attenuate(decay: Array, light: Array) -> Array:
+    """Light (n, 4, columns) that a layer leaves, decay (n,) or (n, 4, 4)."""
+    return decay[:, None, None] * light if decay.ndim == 1 else decay @ light
 
 
 def follow_beams(interfaces: Interfaces, decay: Array) -> Passing:
@@ -198,17 +221,18 @@ def locate_depths(scene: Scene, tau: Array, under: BoolArray) -> Depths:
 
 
 @lru_cache(maxsize=4)  # of a result are asked: the beams, the balance of light, the forward peak
-def _follow_into(scene: Scene, mu0: bytes) -> tuple[Array, Array, Passing]:
-    """Slants (layer, n_in) of beams that come in along mu0, the thicknesses (layer,), and the beams."""
+def _follow_into(scene: Scene, mu0: bytes) -> tuple[list[Oriented | None], Array, Array, Passing]:
+    """Of beams that come in along mu0 the flakes and the thickness of each layer, cosines (layer, n_in), and light."""
     cosines = find_cosines(scene.media, scene.index_above, np.frombuffer(mu0))
     thickness = np.array([layer.extent for layer in scene.layers])
-    slants = find_slants([find_oriented(layer, layer.thickness) for layer in scene.layers], cosines[1:-1])
-    return slants, thickness, follow_beams(make_interfaces(scene, cosines), find_decaying(thickness, slants))
+    oriented = [find_oriented(layer, layer.thickness) for layer in scene.layers]
+    decays = find_decays(oriented, thickness, cosines[1:-1])
+    return oriented, thickness, cosines[1:-1], follow_beams(make_interfaces(scene, cosines), decays)
 
 
 def find_direct_light(scene: Scene, mu0: Array, depths: Depths) -> Array:
     """Beams up and down over the power of the incident one, (n_tau, n_in, 2, 4, 4), public frame."""
-    slants, thickness, passing = _follow_into(scene, mu0.tobytes())
+    oriented, thickness, cosines, passing = _follow_into(scene, mu0.tobytes())
     found = np.empty((depths.interface.size, mu0.size, 2, 4, 4))
     for t, k in enumerate(depths.interface.tolist()):
         if k >= 0:
@@ -218,8 +242,8 @@ def find_direct_light(scene: Scene, mu0: Array, depths: Depths) -> Array:
         k, share = int(depths.layer[t]), float(depths.share[t])
         length = thickness[k : k + 1] if np.isfinite(thickness[k]) else np.ones(1)
         shares = (1.0 - share, share) if np.isfinite(thickness[k]) else (np.inf, share)
-        upward, down = (find_decaying(part * length, slants[k : k + 1])[0] for part in shares)
-        found[t, :, 0] = upward[:, None, None] * passing.leaving[k + 1]
-        found[t, :, 1] = down[:, None, None] * passing.entering[k]
+        upward, down = (find_decays(oriented[k : k + 1], part * length, cosines[k : k + 1])[0] for part in shares)
+        found[t, :, 0] = attenuate(upward, passing.leaving[k + 1])
+        found[t, :, 1] = attenuate(down, passing.entering[k])
     found[:, :, 0] = FLIP[:, None] * found[:, :, 0]
     return found

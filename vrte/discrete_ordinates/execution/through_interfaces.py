@@ -1,5 +1,6 @@
 """Light scattered or reflected once, as it is seen through interfaces: in closed form over all Fourier orders."""
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
@@ -26,6 +27,7 @@ from vrte.discrete_ordinates.orders.single_scattering import integrate_slab_path
 from vrte.discrete_ordinates.planning.azimuths import Azimuths, fold_azimuths
 from vrte.scene.boundary import Boundary
 from vrte.scene.interface import Interface
+from vrte.scene.oriented import Oriented
 from vrte.scene.scene import Scene
 
 COLUMNS = np.arange(4, dtype=np.int32)
@@ -136,13 +138,17 @@ def make_scatterer(
     lit, out = into[place] > 0.0, sights.cosines[place] > 0.0
     mu_in = np.where(lit, into[place], 1.0)
     mu_out = np.where(out, sights.cosines[place], 1.0)
-    if path is None:
+    plates = problem.oriented[layers[0]] if problem.oriented and path is None else None
+    if plates is not None and plates.polarizes:  # all pieces are of one layer
+        table = media.scene.layers[layers[0]].phase_matrix.series
+        path = np.full((1, mu_in.size, mu_out.size), problem.gain[layers[0]])
+    elif path is None:
         path = integrate_pieces(problem, cut, pieces, mu_in, mu_out, way) * problem.gain[layers, None, None]
     weighted = path * (lit[:, None] & out) / (4.0 * np.pi * index**2 * mu_in[:, None])
     signed = -mu_out if way else mu_out
 
     def scatter(first: int, last: int) -> Array:
-        found = np.zeros((pieces.size, last - first, mu_out.size, azimuths.phi.size, 4, 4))
+        found = np.zeros((len(path), last - first, mu_out.size, azimuths.phi.size, 4, 4))
         with run.timed("single scattering") as crew:
             run.kernels.add_single_scattering(
                 crew,
@@ -157,11 +163,13 @@ def make_scatterer(
                 first=0,
                 last=last - first,
                 out=found,
-                slab_stacks=pieces.size,
+                slab_stacks=len(path),
             )
         if not way:
             found *= FLIP[:, None]
-        return found
+        if plates is None or not plates.polarizes:
+            return found
+        return pass_plates(plates, cut.thickness[pieces], mu_in[first:last], mu_out, way, found[0])
 
     return scatter
 
@@ -193,8 +201,9 @@ def make_flake_scatterer(
     place, index = 1 + layer, media.scene.media[1 + layer]
     lit, out = into[place] > 0.0, sights.cosines[place] > 0.0
     mu_in, mu_out = np.where(lit, into[place], 1.0), np.where(out, sights.cosines[place], 1.0)
-    path = integrate_pieces(problem, cut, pieces, mu_in, mu_out, way) * one.area
-    weighted = path * (lit[:, None] & out) / (index**2 * mu_in[:, None])
+    weighted = np.broadcast_to(one.area * (lit[:, None] & out) / (index**2 * mu_in[:, None]), (1, mu_in.size, out.size))
+    if not one.polarizes:
+        weighted = weighted * integrate_pieces(problem, cut, pieces, mu_in, mu_out, way)
     phi = np.radians(azimuths.phi)
 
     def scatter(first: int, last: int) -> Array:
@@ -202,9 +211,42 @@ def make_flake_scatterer(
         found = one.flakes.scatter(signed, -mu_in[first:last, None, None], phi)
         if not way:
             found = FLIP[:, None] * found
-        return weighted[:, first:last, :, None, None, None] * found
+        found = weighted[:, first:last, :, None, None, None] * found
+        if not one.polarizes:
+            return found
+        return pass_plates(one, cut.thickness[pieces], mu_in[first:last], mu_out, way, found[0])
 
     return scatter
+
+
+def pass_plates(one: Oriented, thickness: Array, mu_in: Array, mu_out: Array, way: int, scattered: Array) -> Array:
+    """Light scattered once in pieces (piece,), reflected (way 0) or let through (1), where plates polarize it on its
+    way in and out: (piece, n_in, n_out, n_phi, 4, 4), from what a unit of depth scatters, ``scattered`` without the
+    first.
+
+    That is int e^(-K s/mu) Z e^(-K' s'/mu') ds/mu, summed over pairs of rates of K and K'."""
+    (rate_in, part_in), (rate_out, part_out) = (one.find_rates(mu) for mu in (mu_in, mu_out))
+    rate_in, rate_out = (rate_in / mu_in[:, None])[:, None, None], (rate_out / mu_out[:, None])[None, :, :, None]
+    found = np.empty((thickness.size, *scattered.shape))
+    for out, depth in zip(found, thickness.tolist(), strict=True):
+        path = find_pair_paths(rate_in, rate_out, depth, way) / mu_out[:, None, None]
+        acts = np.einsum("iorq,orac,iqdb->ioabcd", path, part_out, part_in, optimize=True).real
+        out[...] = np.einsum("ioabcd,iopcd->iopab", acts, scattered, optimize=True)
+    return found
+
+
+def find_pair_paths(rate_in: Array, rate_out: Array, depth: float, way: int) -> Array:
+    """Integrals of e^(-x s) over a slab, x the sum of two rates (way 0), and of e^(-x s - y (depth - s)) (way 1)."""
+    if way == 0:
+        both = rate_in + rate_out
+        return -np.expm1(-both * depth) / both if math.isfinite(depth) else 1.0 / both
+    if math.isinf(depth):
+        return np.zeros_like(rate_in + rate_out)
+    slower = np.where(rate_in.real < rate_out.real, rate_in, rate_out)
+    apart = (rate_in + rate_out - 2.0 * slower) * depth
+    near = np.abs(apart) < 1e-8
+    ratio = np.where(near, 1.0 - 0.5 * apart, -np.expm1(-apart) / np.where(near, 1.0, apart))
+    return depth * np.exp(-slower * depth) * ratio
 
 
 def make_facet_scatterer(

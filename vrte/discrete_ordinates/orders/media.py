@@ -14,12 +14,12 @@ from vrte.scene.beams import (
     Interfaces,
     Passing,
     find_cosines,
-    find_decaying,
+    find_decays,
     follow_beams,
     make_interfaces,
     pass_along,
 )
-from vrte.scene.oriented import Oriented, find_slants
+from vrte.scene.oriented import Oriented
 from vrte.scene.scene import Scene
 
 Found = TypeVar("Found")
@@ -143,9 +143,10 @@ def join_pieces(interfaces: Interfaces, cut: Cut) -> Interfaces:
 
 
 def find_decaying_of_pieces(media: Media, cut: Cut, cosines: Array) -> Array:
-    """e^(-thickness k/mu) of every piece, (piece, n); cosines (medium, n)."""
-    slants = find_slants(media.oriented, cosines[1:-1])[cut.layer]
-    each = [find_decaying(one, slants) for one in cut.thickness.reshape(cut.layer.size, -1).T]
+    """What every piece leaves of light, (piece, n), or (piece, n, 4, 4) as of `find_decays`; cosines (medium, n)."""
+    oriented = [media.oriented[layer] for layer in cut.layer.tolist()] if media.oriented else []
+    along = cosines[1:-1][cut.layer]
+    each = [find_decays(oriented, one, along) for one in cut.thickness.reshape(cut.layer.size, -1).T]
     return np.concatenate(each, axis=1)
 
 
@@ -197,6 +198,8 @@ def trace_sights(media: Media, cut: Cut, cosines: Array) -> Array:
         for end, part in enumerate(ends):  # what was seen coming up goes down again, and the other way round
             part[interface, :, :, t, end] = np.eye(4)
     flat = (part.reshape(*shape[:3], -1) for part in (arriving, leaving, entering, rising))
-    back = pass_along(Interfaces(above, below, up, down), find_decaying_of_pieces(media, cut, cosines), Passing(*flat))
+    decays = find_decaying_of_pieces(media, cut, cosines)
+    decays = decays if decays.ndim == 2 else decays.swapaxes(-1, -2)
+    back = pass_along(Interfaces(above, below, up, down), decays, Passing(*flat))
     parts = np.stack([back.entering, back.leaving, back.arriving, back.rising])
     return parts.reshape(4, *shape).transpose(4, 5, 0, 1, 2, 3, 6)

@@ -4,20 +4,18 @@ With Z per unit of depth the flakes' part of E and F, (1:41), is that of particl
 mean over azimuth; their diagonal has k(mu)/mu where particles alone have 1/mu, and what is seen along mu is over k(mu).
 """
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from vrte.basics.arrays import Array, IntArray, Remembered
 from vrte.basics.polarization import FLIP
-from vrte.basics.quadrature import RefractedNodes, find_gauss_legendre
+from vrte.basics.quadrature import RefractedNodes
 from vrte.optics.flake_orders import gather_flake_orders
 from vrte.optics.flakes import Flakes
 from vrte.scene.oriented import Oriented
 
 _EXPANDED = Remembered()
-POINTS = 20  # of Gauss's rule in a panel of tilts, and on either side of the azimuth where flakes are lit edgewise
 ACCURACY = 1e-9  # of the integrals over flakes
 RECIPROCAL = np.diag([1.0, 1.0, 1.0, -1.0])
 SAMPLES = 17  # directions in which the share of light that is scattered is looked at
@@ -62,11 +60,12 @@ def add_flakes(problem: "Problem", matrices: "Assembled", orders: IntArray, thre
                 E[row, k] -= found[0].T
                 G[row, k] += found[1].T
                 source[row, k] += found[2].T
-        rates, seen = np.repeat((one.attenuate(nodes) - 1.0) / nodes, stokes), one.attenuate(problem.mu_out)
-        diagonal = np.arange(problem.size)
+        seen = np.repeat(one.attenuate(problem.mu_out), stokes)
+        lost = (one.extinguish(nodes) - np.eye(4))[:, members][:, :, members] / nodes[:, None, None]
+        apart = np.arange(problem.size).reshape(nodes.size, stokes)
         for E, G in ((matrices.E, matrices.G_E), (matrices.F, matrices.G_F)):
-            E[:, k, diagonal, diagonal] += rates
-            G[:, k] /= np.repeat(seen, stokes)
+            E[:, k, apart[:, None], apart[:, :, None]] += lost  # the last axis of E is that of rows
+            G[:, k] /= seen
 
 
 def scale_on_nodes(problem: "Problem", blocks: Array, lit: Array) -> tuple[Array, Array, Array]:
@@ -98,56 +97,23 @@ def balance_flakes(problem: "Problem", flux: Array, E: Array, G: Array, source: 
     return E, G, source + np.outer(rest, np.tile(even, problem.mu0.size))
 
 
-def scatter_flux(flakes: Flakes, mu: Array) -> Array:
-    """Flux that a unit of flake area scatters of light along cosines mu (n,): of I, and what Q adds to it, (n, 2)."""
-    whole = flakes.project(mu)
-    if flakes.is_conserving:
-        return np.stack([whole, np.zeros_like(whole)], axis=1)
-    x, weights = find_gauss_legendre(POINTS)
-    x, weights = 0.5 * (x + 1.0), 0.5 * weights
-    found = np.zeros((3, mu.size))
-    for row, along in enumerate(mu.tolist()):
-        sine = math.sqrt((1.0 - along) * (1.0 + along))
-        kink = math.atan2(along, sine)  # tilt from which on some flakes are lit from below
-        edges = flakes.panels
-        low = np.append(edges[edges < kink], min(kink, edges[-1]))
-        high = np.sqrt(np.append(0.0, edges[edges > kink] - kink))  # the square root at the kink becomes smooth
-        root, rate = ((high[:-1, None] + x * np.diff(high)[:, None]).ravel(), np.diff(high)[:, None] * weights)
-        tilt = np.concatenate([(low[:-1, None] + x * np.diff(low)[:, None]).ravel(), kink + root**2])
-        share = np.concatenate([(np.diff(low)[:, None] * weights).ravel(), 2.0 * root * rate.ravel()])
-        share *= np.sin(tilt) * flakes.find_density(tilt)
-        upright, across = along * np.cos(tilt), sine * np.sin(tilt)
-        edge = np.arccos(np.clip(-upright / np.maximum(across, 1e-300), -1.0, 1.0))[:, None]
-        for start, stop in ((0.0, edge), (edge, math.pi)):
-            psi = start + x * (stop - start)
-            c = upright[:, None] + across[:, None] * np.cos(psi)
-            r_p, r_s = (np.abs(each) ** 2 for each in flakes.reflect(np.abs(c)))
-            part = share[:, None] * weights * (stop - start) * np.abs(c)
-            # the plane of incidence has the share of h across w that lies along theta-hat
-            square = (along * np.sin(tilt)[:, None] * np.cos(psi) - sine * np.cos(tilt)[:, None]) ** 2
-            turned = 2.0 * square / np.maximum((1.0 - c) * (1.0 + c), 1e-300) - 1.0
-            terms = (part, 0.5 * (r_p + r_s) * part, 0.5 * (r_p - r_s) * turned * part)
-            found[:, row] += [term.sum() for term in terms]
-    return (found[1:] / found[0] * whole).T
-
-
 def find_largest_albedo(one: Oriented, scattered: float) -> float:
     """Share of light that is scattered along the direction that loses least, of particles that scatter so much per unit
     of depth and of flakes: below 1, as both lose some, and above 0, since flakes attenuate where nothing scatters."""
     mu = np.linspace(0.0, 1.0, SAMPLES)
-    share = (scattered + one.area * scatter_flux(one.flakes, mu)[:, 0]) / one.attenuate(mu)
+    share = (scattered + one.area * one.flakes.scatter_flux(mu)[:, 0]) / one.attenuate(mu)
     return min(max(float(share.max()), LEAST), MOST)
 
 
 def find_orders(problem: "Problem", one: Oriented, threads: int) -> tuple[Array, ...]:
-    """`expand_flakes` of all orders, and `scatter_flux`, for the directions of a problem in one of its media. They are
-    remembered: neither how many flakes there are nor what else the scene has matters for them."""
+    """`expand_flakes` of all orders, and `Flakes.scatter_flux`, for the directions of a problem in one of its media.
+    They are remembered: neither how many flakes there are nor what else the scene has matters for them."""
     media, out, into, count = problem.media, problem.mu_out, problem.mu0, problem.coefficients.shape[1]
     assert media is not None
     nodes = media.nodes
 
     def find() -> tuple[Array, ...]:
-        flux = scatter_flux(one.flakes, problem.directions)
+        flux = one.flakes.scatter_flux(problem.directions)
         return *expand_flakes(one.flakes, nodes, out, into, count, threads), flux
 
     placed = tuple(part.tobytes() for part in (nodes.highest, nodes.depth, nodes.measure, out, into))

@@ -21,6 +21,7 @@ from vrte.discrete_ordinates.orders.slab_response import Responding, take_slabs
 from vrte.discrete_ordinates.orders.slabs import find_materials, select_materials
 from vrte.discrete_ordinates.orders.solved import Orders
 from vrte.scene.boundary import Boundary
+from vrte.scene.oriented import polarizes_beams
 
 # R and T of slabs (slab,) of a problem's layers, taken as materials: problem, material, thickness, orders, run
 Responder = Callable[[Problem, IntArray, Array, IntArray, Run], Responding]
@@ -75,8 +76,11 @@ class Refracting(BeamPaths):
 
     def chunk(self, threads: int) -> int:
         """Orders to be done at once."""
-        n, r, ways = self.problem.size, self.problem.n_rhs, self.sights.cosines.shape[1] * len(self.problem.stokes)
+        problem = self.problem
+        n, r, ways = problem.size, problem.n_rhs, self.sights.cosines.shape[1] * len(problem.stokes)
         slabs = sum(medium.material.size for medium in self.each)
+        if polarizes_beams(problem.oriented):  # whose slabs have directions off the nodes as nodes
+            n, ways = 2 * n + r, ways + r
         light = float(self.cut.interface.size) * r * (8.0 * n + 4.0 * ways)
         return count_orders_at_once(4.0 * slabs * (n + r) * (n + ways) + light, threads)
 

@@ -9,6 +9,7 @@ from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.doubling import Doubling
 from vrte.discrete_ordinates.orders.invariance import Invariance
 from vrte.discrete_ordinates.orders.modes import Modes, is_quick
+from vrte.discrete_ordinates.orders.plates import respond_with_plates
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.refracting import Refracting
 from vrte.discrete_ordinates.orders.single_interface import is_under_one_surface, make_single_interface
@@ -16,6 +17,7 @@ from vrte.discrete_ordinates.orders.slab_response import respond
 from vrte.discrete_ordinates.orders.solved import Orders
 from vrte.discrete_ordinates.orders.tanh_poles import Scatterings
 from vrte.scene.boundary import Boundary
+from vrte.scene.oriented import polarizes_beams
 
 
 class Route(Protocol):
@@ -60,6 +62,7 @@ def make_route(
     if problem.media is not None:
         if name in ("modes", "invariance") and is_under_one_surface(problem.media):
             return make_single_interface(name, problem, base, n_order, accuracy, run or Run(1))
-        slabs = partial(respond, name, quick=is_quick(problem, accuracy))
+        of_slabs = respond_with_plates if polarizes_beams(problem.oriented) else respond
+        slabs = partial(of_slabs, name, quick=is_quick(problem, accuracy))
         return Refracting(slabs, problem, base, n_order, accuracy, run)
     return ROUTES[name](problem, base, n_order, accuracy)

@@ -117,9 +117,24 @@ def respond(
 ) -> Responding:
     """Of slabs (slab,) of the problem's layers, taken as materials, with unit Stokes vectors as its columns; its mu_out
     are seen from above and from below."""
+    return respond_of_matrices(name, problem, material, thickness, orders, assemble(problem, orders, run), run, quick)
+
+
+def respond_of_matrices(
+    name: str,
+    problem: Problem,
+    material: IntArray,
+    thickness: Array,
+    orders: IntArray,
+    matrices: Assembled,
+    run: Run,
+    quick: bool,
+) -> Response | ModalResponse:
+    """The same of matrices that are known."""
     if name == "doubling":
-        return respond_by_doubling(problem, material, thickness, orders, run)
-    return respond_by_modes(problem, material, thickness, orders, run, quick)
+        return respond_by_doubling(problem, material, thickness, orders, run, matrices)
+    modes = find_modes(problem, orders, matrices, run, quick)
+    return respond_with_modes(problem, material, thickness, orders, matrices, modes, run)
 
 
 def respond_by_doubling(

@@ -15,6 +15,7 @@ from vrte.discrete_ordinates.orders.slabs import list_slabs
 from vrte.discrete_ordinates.orders.tanh_poles import FINEST as FINEST_MOMENTS
 from vrte.discrete_ordinates.orders.tanh_poles import STEEPEST, STEEPEST_INSIDE, find_depths, find_steepest, place_poles
 from vrte.request.how import BY_RULE
+from vrte.scene.oriented import polarizes_beams
 
 THIN = 1e-5  # scattering thickness below which fluxes by modes, right to 1e-16 over it, are too inaccurate
 ONE_LAYER = 16.0  # thickness over the lowest node cosine from which doubling takes five steps or more
@@ -46,11 +47,15 @@ def choose_algorithms(
     the steps that it would take, where they are counted already.
 
     Invariance stands for reflection alone: where it does not apply, modes do the orders that were to be done by it, or
-    doubling where there is no ``eigensolver``.
+    doubling where there is no ``eigensolver``. Plates that let light through are for doubling, or modes that are asked
+    for, which lose digits there.
     """
+    every = slice(0, strength.size)
+    if polarizes_beams(problem.oriented) and algorithm != "modes":
+        reason = "auto: plates let light through" if algorithm in BY_RULE else f"{algorithm} is not for plates"
+        return [(every, Choice("doubling", "asked for" if algorithm == "doubling" else reason))]
     if not eigensolver:
         return choose_products(algorithm, problem, strength, accuracy)
-    every = slice(0, strength.size)
     if algorithm == "invariance" and not is_top_only(problem):
         reason = "invariance was asked for, and is for the top of one layer that has no end to these orders"
         return [(every, Choice("modes", reason))]
