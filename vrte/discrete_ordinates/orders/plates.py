@@ -12,7 +12,7 @@ from vrte.basics.arrays import Array, IntArray, replace_unchecked
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.slab_response import Responding, Response, respond, respond_of_matrices
+from vrte.discrete_ordinates.orders.slab_response import Responding, Response, respond
 from vrte.scene.oriented import polarizes_beams
 
 WEIGHTS = {"doubling": 1e-16, "modes": 3e-6}  # of directions off the nodes, over the mean of a node. Doubling is right
@@ -35,7 +35,7 @@ def respond_with_plates(
         rows = slice(stokes * first, stokes * (first + step))
         own = replace_unchecked(matrices, G_E=matrices.G_E[..., rows], G_F=matrices.G_F[..., rows])
         wide, whole = add_directions(some, own, WEIGHTS[name])
-        found = respond_of_matrices(name, wide, material, thickness, orders, whole, run, quick)
+        found = respond(name, wide, material, thickness, orders, run, quick, whole)
         scale = np.repeat(np.sqrt(wide.weights * wide.nodes), stokes)[: -problem.size]
         beams, on_nodes = found.nodes[..., : unit.size] * (unit / scale[: unit.size]), found.nodes[..., scale.size :]
         for sent, part in zip(seen, (on_nodes, beams), strict=True):

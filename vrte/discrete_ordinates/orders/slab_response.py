@@ -113,28 +113,20 @@ def rank_within(of: IntArray) -> IntArray:
 
 
 def respond(
-    name: str, problem: Problem, material: IntArray, thickness: Array, orders: IntArray, run: Run, quick: bool
-) -> Responding:
-    """Of slabs (slab,) of the problem's layers, taken as materials, with unit Stokes vectors as its columns; its mu_out
-    are seen from above and from below."""
-    return respond_of_matrices(name, problem, material, thickness, orders, assemble(problem, orders, run), run, quick)
-
-
-def respond_of_matrices(
     name: str,
     problem: Problem,
     material: IntArray,
     thickness: Array,
     orders: IntArray,
-    matrices: Assembled,
     run: Run,
     quick: bool,
-) -> Response | ModalResponse:
-    """The same of matrices that are known."""
+    matrices: Assembled | None = None,
+) -> Responding:
+    """Of slabs (slab,) of the problem's layers, taken as materials, with unit Stokes vectors as its columns; its mu_out
+    are seen from above and from below. ``matrices`` where they are known."""
     if name == "doubling":
         return respond_by_doubling(problem, material, thickness, orders, run, matrices)
-    modes = find_modes(problem, orders, matrices, run, quick)
-    return respond_with_modes(problem, material, thickness, orders, matrices, modes, run)
+    return respond_by_modes(problem, material, thickness, orders, run, quick, matrices)
 
 
 def respond_by_doubling(
@@ -176,10 +168,16 @@ def make_flux_axis(problem: Problem) -> Array:
 
 
 def respond_by_modes(
-    problem: Problem, material: IntArray, thickness: Array, orders: IntArray, run: Run, quick: bool
+    problem: Problem,
+    material: IntArray,
+    thickness: Array,
+    orders: IntArray,
+    run: Run,
+    quick: bool,
+    matrices: Assembled | None = None,
 ) -> ModalResponse:
     """By the modes of each material, see core/response.pxi."""
-    matrices = assemble(problem, orders, run)
+    matrices = assemble(problem, orders, run) if matrices is None else matrices
     modes = find_modes(problem, orders, matrices, run, quick)
     known = list_known(problem, orders, False) | vars(matrices) | vars(modes)
     run_stage("particular", known, run)
