@@ -64,7 +64,7 @@ CORE = list_faults(
     ("plate-retarder", "optics/flakes.py", "row[3, 2] = -weights @ (im * turn), weights @",
      "row[3, 2] = weights @ (im * turn), -weights @",
      "sign of U from V in light that passes plates", "plates"),
-    ("doubling-end", "core/doubling.pxi", "if gap < 1e-9 and", "if gap < 1e-2 and",
+    ("doubling-end", "core/kernels/in_c.h", "DOUBLED 1e-9", "DOUBLED 1e-2",
      "doublings of a semi-infinite layer end too early", "every_way"),
     ("invariance-end", "core/kernels/steps.h", "gap * rate / (1.0 - rate) / largest", "gap * rate / largest",
      "the last step is taken for what all further steps change", "iterations"),

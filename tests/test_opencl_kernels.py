@@ -183,7 +183,7 @@ def test_kernels_take_what_is_declared(opencl: Session) -> None:
                 if each.form in ("double", "int") and each.dims
             ), (name, found[k])
         for each in taken:
-            kind = {"int": "int", "Slab": "Slab", "whole": "int", "flag": "int"}.get(each.form, "double")
+            kind = {"int": "int", "vrte_slab": "vrte_slab", "whole": "int", "flag": "int"}.get(each.form, "double")
             wanted.append((each.name, kind + "*" * bool(each.dims)))
             if each.form in ("stack", "overlapping"):
                 wanted += [

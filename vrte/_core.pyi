@@ -24,8 +24,6 @@ MOST_STEPS: int
 FEWEST_TO_HALVE: int
 SERIES: int
 MOST_COLUMNS: int
-TANH_NUMERATOR: tuple[float, float, float, float]
-TANH_DENOMINATOR: tuple[float, float, float, float]
 
 def sphere_coefficients(
     relative_indices: NDArray[np.complex128], sizes: Array, orders: IntArray

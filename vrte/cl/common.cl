@@ -29,6 +29,7 @@
 #define lanes real4
 #define STORED __global const
 #define VRTE_SHARED
+#define VRTE_LIST __constant const
 
 // Matrices are stored column by column; "ld" is the distance of two columns, a multiple of 8 doubles, so that a column
 // starts where eight doubles may be loaded at once. A stack holds one matrix an item, `stride` doubles apart.

@@ -16,8 +16,8 @@ from vrte.cl.stages import stand_in_for
 
 MATRICES = 8  # extended ones at work for each slab
 DOUBLINGS = 4  # of a launch: a stop is obeyed after as many
-REALS = "thickness", "albedo", "slowest", "steepest", "h", "ratio"  # of `Slab` in doubling.cl
-INTEGERS = "from", "turned", "clear", "conservative", "left", "carried", "doublings", "singular"
+REALS = "thickness", "albedo", "slowest", "steepest", "h", "ratio"  # of vrte_slab in core/kernels/doubling.h
+INTEGERS = "source", "turned", "clear", "conservative", "left", "carried", "doublings", "singular"
 
 
 @dataclass(frozen=True)
@@ -88,8 +88,8 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class Slabs:
-    """On the device: R and T (item, numbers of a matrix), lost (item, n), residual (item, 2); state (item,): `Slab` of
-    doubling.cl, its doublings and whether a matrix was singular."""
+    """On the device: R and T (item, numbers of a matrix), lost (item, n), residual (item, 2); state (item,): vrte_slab
+    of core/kernels/doubling.h, its doublings and whether a matrix was singular."""
 
     R: Any
     T: Any
@@ -120,12 +120,12 @@ def describe_slabs(
     turned: NDArray[np.bool_],
     clear: NDArray[np.bool_],
 ) -> Any:
-    """`Slab` of doubling.cl of every slab and Fourier order, (item,), before it is doubled. of: place of its matrices;
+    """vrte_slab of core/kernels/doubling.h of every slab and Fourier order, (item,), before it is doubled. of: place of its matrices;
     turned: whether it is order 0 and carries the flux; clear: whether it is not to be doubled."""
     kinds = [(name, session.real) for name in REALS] + [(name, np.int32) for name in INTEGERS]
     found, conservative = np.zeros(of.size, np.dtype(kinds, align=True)), albedo == 1.0
     slowest = np.sqrt((1.0 - albedo) * (1.0 - albedo * asymmetry))
-    known = {"thickness": thickness, "albedo": albedo, "steepest": frame.rates.max(), "from": of, "turned": turned}
+    known = {"thickness": thickness, "albedo": albedo, "steepest": frame.rates.max(), "source": of, "turned": turned}
     known["slowest"] = np.where(~turned | conservative, np.maximum(slowest, 0.05), slowest)
     known |= {"clear": clear, "conservative": conservative}
     with np.errstate(over="ignore"):

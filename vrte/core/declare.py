@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 DECLARED = re.compile(
-    r"(double|int|complex|strided|number|whole|flag|stack|overlapping|Slab)(?: \(([^)]*)\))?  (.+)", re.DOTALL
+    r"(double|int|complex|strided|number|whole|flag|stack|overlapping|vrte_slab)(?: \(([^)]*)\))?  (.+)", re.DOTALL
 )
 ARGUMENT = re.compile(r"(\w+)(\?)?(?:=(\S+))?")
 C_TYPES = {"double": "double*", "int": "int*", "complex": "double*", "strided": "const char*"}
@@ -21,7 +21,7 @@ HINTS = {
     "number": "float",
 }
 HINTS |= {"whole": "int", "flag": "bool"}
-ARRAYS = ("double", "int", "complex", "strided", "stack", "overlapping", "Slab")
+ARRAYS = ("double", "int", "complex", "strided", "stack", "overlapping", "vrte_slab")
 MOST_DIMS = 6
 
 

@@ -1,400 +1,218 @@
+# Slabs doubled: lists of operations, which OpenCL kernels share.
+
+cdef extern from "core/kernels/in_c.h":
+    ctypedef struct vrte_slab:
+        double thickness, albedo, slowest, steepest, h, ratio
+        int turned, clear, conservative, left, carried, doublings, singular
+    ctypedef struct vrte_operation:
+        int kind, when, a, b, c, times
+        double alpha, beta
+        double gamma
+    enum: e_, f_, Ze_, Zo_, C_, a_, b_, spare_, R_, T_
+    enum: PRODUCT, COMBINE, INVERT, STRAIGHT, BLOCKS, BEGIN, CARRY, DISTANCE, NEXT, MIRROR, LOSE, LEAD, DIVIDE, MEASURE
+    enum: TANH, COMPLEMENT, N_NI, VRTE_START, VRTE_DOUBLE, VRTE_END, VRTE_SQUARE
+    int vrte_list_length(int which) noexcept nogil
+    vrte_operation vrte_operation_of(int which, int k) noexcept nogil
+    int vrte_conditions_of(vrte_slab slab) noexcept nogil
+    double vrte_factor_of(vrte_slab slab, int times) noexcept nogil
+    void vrte_begin(vrte_slab* slab, double norm) noexcept nogil
+    void vrte_next(vrte_slab* slab, double distance) noexcept nogil
+    double vrte_missing_of_reflection(const double* measured, double thickness) noexcept nogil
+    double vrte_missing_of_transmission(const double* measured) noexcept nogil
+    double vrte_over_cosh_squared(double x) noexcept nogil
+
+cdef double CONVERGED = 1e-17     # below the rounding of 1
+
+
 cdef inline Sizes sizes_of(const Arrays* t) noexcept nogil:
     return Sizes(t.n, t.n_rhs, t.n_out_rows, t.stokes)
 
 
 cdef struct Work:
-    # one slab of one order at work: E and F with their directions off the nodes, Ze, Zo and C = 1 - Zo Ze, R and T
+    # one slab of one order at work: its matrices by their names in kernels/doubling.h, mu/k of beams and outgoing
+    # directions, what was measured
+    const Arrays* t
     Sizes s
     Nodes nodes
-    int m, n_in, n_col
-    bint oriented, lossy
-    double thickness, albedo, asymmetry, steepest
-    given columns, mu0, mu_out, steep       # mu/k of beams, outgoing directions, nodes
-    Extended e, f, Ze, Zo, C, a, b, spare, r, t
-    doubles v
-    Workspace desk
+    vrte_slab slab
+    Extended m[10]
+    given mu0, mu_out
+    double measured[6]
 
 
-cdef int double_slabs_one(Arrays* d, int item, Workspace desk) noexcept nogil:
-    cdef int material = d.material[0], stokes = d.stokes, info
-    cdef Sizes s = sizes_of(d)
-    cdef size_t each = size_extended(s), at = material, n = s.n, into = stokes * d.n_in
-    cdef doubles memory = d.room, lost = d.lost, residual = d.residual
-    cdef Work w = Work(
-        s, Nodes(s.n, stokes, d.nodes, d.weights), d.orders[0] if d.conserving else max(d.orders[0], 1), d.n_in,
-        d.n_col, d.oriented != NULL and d.oriented[material] != 0, is_lossy(d, material), d.thickness[0],
-        d.albedo[material], d.asymmetry[material], 0.0, d.columns,
-        slants(d.slant_in, material, d.n_in, d.mu0), slants(d.slant_out, material, d.n_out, d.mu_out),
-        slants(d.slant_nodes, material, d.n_node, d.nodes),
-        extended_at(s, memory), extended_at(s, memory + each), extended_at(s, memory + 2 * each),
-        extended_at(s, memory + 3 * each), extended_at(s, memory + 4 * each), extended_at(s, memory + 5 * each),
-        extended_at(s, memory + 6 * each), extended_at(s, memory + 7 * each), extended_at(s, d.R), extended_at(s, d.T),
-        d.v, Workspace(NULL, d.pivots, desk.stop))
-    set_zero(each, w.r.N)
-    set_zero(each, w.t.N)
-    set_zero(n, lost)
-    residual[0] = residual[1] = 0.0
-    d.doublings[0] = 0
-    put_rates(&w, w.e)
-    if w.albedo == 0.0 and d.clear:
-        clear_slab(&w, lost)
+cdef int double_slabs_one(Arrays* t, int item, Workspace desk) noexcept nogil:
+    cdef int k, material = t.material[0]
+    cdef Sizes s = sizes_of(t)
+    cdef size_t each = size_extended(s), at = material, n = s.n
+    cdef double albedo = t.albedo[material], slowest = sqrt((1.0 - albedo) * (1.0 - albedo * t.asymmetry[material]))
+    cdef bint turned = t.conserving and t.orders[0] == 0
+    cdef Work w
+    memset(&w, 0, sizeof(Work))
+    w.t, w.s, w.nodes = t, s, nodes_of(t)
+    w.mu0 = slants(t.slant_in, material, t.n_in, t.mu0)
+    w.mu_out = slants(t.slant_out, material, t.n_out, t.mu_out)
+    w.slab.thickness, w.slab.albedo, w.slab.turned, w.slab.conservative = t.thickness[0], albedo, turned, albedo == 1.0
+    w.slab.slowest = slowest if turned and albedo < 1.0 else max(slowest, 0.05)
+    w.slab.steepest = put_rates(&w, slants(t.slant_nodes, material, t.n_node, t.nodes))
+    for k in range(8):
+        w.m[k] = extended_at(s, t.room + k * each)
+    w.m[<int>R_], w.m[<int>T_] = extended_at(s, t.R), extended_at(s, t.T)
+    set_zero(each, t.R)
+    set_zero(each, t.T)
+    set_zero(n, t.lost)
+    t.residual[0] = t.residual[1] = 0.0
+    t.doublings[0] = 0
+    if albedo == 0.0 and t.clear:
+        clear_slab(&w)
         return 0
-    extend(&w, d.E + at * n * n, d.G_E + at * n * s.o, d.source_d + at * into * n, w.e)
-    put_rates(&w, w.f)
-    extend(&w, d.F + at * n * n, d.G_F + at * n * s.o, d.source_s + at * into * n, w.f)
-    if w.m == 0:
+    extend(&w, t.E + at * n * n, t.G_E + at * n * s.o, t.source_d + at * t.n_in_rows * n, w.m[<int>e_])
+    extend(&w, t.F + at * n * n, t.G_F + at * n * s.o, t.source_s + at * t.n_in_rows * n, w.m[<int>f_])
+    if turned:
         turn_extended(&w)
-    product_extended(s, 1.0, w.f, w.e, w.a)
-    w.steepest = max(w.steepest, sqrt(norm_1(s.n, w.a.N)))
-    if w.thickness < SEMI_INFINITE:
-        info = double_plainly(&w, d.converged, d.doublings)
-    else:
-        info = double_semi_infinite(&w, d.doublings)
-    if info != 0 or desk.stop[0]:
-        return info
-    info = reflect_and_transmit(&w, lost)
-    if info == 0:
-        half_sum_and_difference(s, w.e, w.f)
-        if w.thickness > THICK:
-            reflect_by_invariance(s, w.e, w.f, w.r, w.t, w.a)
-        invariance(&w, residual)
-    return info
+    perform_list(&w, VRTE_START)
+    while w.slab.left > 0 and not w.slab.singular and not desk.stop[0]:
+        if t.converged and w.slab.carried and largest_of(each, w.m[<int>C_].N) < CONVERGED:
+            perform_list(&w, VRTE_SQUARE)
+        else:
+            perform_list(&w, VRTE_DOUBLE)
+    t.doublings[0] = w.slab.doublings
+    if not w.slab.singular and not desk.stop[0]:
+        perform_list(&w, VRTE_END)
+        t.residual[0] = vrte_missing_of_reflection(w.measured, w.slab.thickness)
+        t.residual[1] = vrte_missing_of_transmission(w.measured)
+    return w.slab.singular
 
 
-cdef void put_rates(Work* w, Extended a) noexcept nogil:
-    """1/mu of the incident and outgoing directions on a's diagonal; `steepest`: the largest of all."""
+cdef void perform_list(Work* w, int which) noexcept nogil:
+    """The operations of a list, those whose conditions hold when they are reached."""
+    cdef int k
+    cdef vrte_operation now
+    for k in range(vrte_list_length(which)):
+        now = vrte_operation_of(which, k)
+        if not w.slab.singular and now.when & vrte_conditions_of(w.slab) == now.when:
+            perform(w, now)
+
+
+cdef void perform(Work* w, vrte_operation now) noexcept nogil:
+    cdef Sizes s = w.s
+    cdef Extended a = w.m[now.a], b = w.m[now.b], c = w.m[now.c], T = w.m[<int>T_]
+    cdef int n = s.n, axis = flux_axis(n, s.stokes), i, j, rows = s.o if now.times % 2 else n
+    cdef bint outgoing = now.times % 2, beams = now.times >= N_NI
+    cdef given rates = w.t.rates_off
+    cdef doubles Zo = w.m[<int>Zo_].N
+    cdef double across
+    if now.kind == PRODUCT:
+        product_extended(s, now.alpha * vrte_factor_of(w.slab, now.times), a, b, c)
+    elif now.kind == COMBINE:
+        combine(s, now.alpha * vrte_factor_of(w.slab, now.times), a, now.beta, b, now.gamma, c)
+    elif now.kind == INVERT:
+        w.slab.singular = invert_extended(s, a, b, w.t.pivots) != 0
+    elif now.kind == BLOCKS:
+        product(b"N", b"N", rows, s.r if beams else n, n, now.alpha, a.ON if outgoing else a.N, rows,
+                b.NI if beams else b.N, n, now.beta,
+                (c.OI if outgoing else c.NI) if beams else c.ON if outgoing else c.N, rows)
+    elif now.kind == MEASURE:
+        w.measured[now.b] = largest_of(<size_t>n * n, a.N)
+    elif now.kind == BEGIN:
+        vrte_begin(&w.slab, norm_1(n, w.m[<int>a_].N))
+    elif now.kind == DISTANCE:              # where the flux is conserved Ze = 0 on its axis for ever
+        a, w.measured[0] = w.m[<int>a_], 0.0
+        for i in range(n):
+            if not (w.slab.turned and w.slab.conservative and i == axis):
+                w.measured[0] = max(w.measured[0], fabs(a.N[<size_t>i * n + i] - 1.0))
+        for i in range(s.o + s.r):
+            w.measured[0] = max(w.measured[0], fabs(a.OO[i] - 1.0))
+    elif now.kind == NEXT:
+        vrte_next(&w.slab, w.measured[0])
+    elif now.kind == CARRY:
+        w.slab.carried = 1
+    elif now.kind == STRAIGHT:              # of unscattered light
+        for i in range(s.o + s.r):
+            c.OO[i] = (tanh(w.slab.h * rates[i]) if now.b == TANH
+                       else vrte_over_cosh_squared(w.slab.h * rates[i]) if now.b == COMPLEMENT else 0.0)
+    elif now.kind == MIRROR:                # reciprocity; rounding in the flux's row would double at each step
+        for i in range(n):
+            across = Zo[<size_t>axis * n + i]
+            Zo[<size_t>i * n + axis] = -across if s.stokes == 4 and i % 4 == 3 else across
+    elif now.kind == LOSE:                  # 2 Se, the flux's row
+        for i in range(n):
+            w.t.lost[i] = w.t.R[<size_t>i * n + axis] * (-2.0 if w.slab.thickness < SEMI_INFINITE else -1.0)
+    elif now.kind == LEAD:                  # spare: beta's NI times T's II, T's OO times beta's ON
+        for j in range(s.r):
+            for i in range(n):
+                w.m[<int>spare_].NI[<size_t>j * n + i] = w.m[<int>b_].NI[<size_t>j * n + i] * T.II[j]
+        for j in range(n):
+            for i in range(s.o):
+                w.m[<int>spare_].ON[<size_t>j * s.o + i] = T.OO[i] * w.m[<int>b_].ON[<size_t>j * s.o + i]
+    elif now.kind == DIVIDE:
+        for j in range(s.r):
+            for i in range(s.o):
+                w.m[<int>R_].OI[<size_t>j * s.o + i] /= rates[i] + rates[s.o + j]
+
+
+cdef double put_rates(const Work* w, given steep) noexcept nogil:
+    """1/mu of the outgoing rows, then of the incident columns, into `rates_off`; the largest of all, nodes too, whose
+    mu/k are `steep`."""
     cdef int i
+    cdef double largest = 0.0
     for i in range(w.s.o):
-        a.OO[i] = 1.0 / w.mu_out[i // w.s.stokes]
-        w.steepest = max(w.steepest, a.OO[i])
+        w.t.rates_off[i] = 1.0 / w.mu_out[i // w.s.stokes]
     for i in range(w.s.r):
-        a.II[i] = 1.0 / w.mu0[i // w.n_col]
-        w.steepest = max(w.steepest, a.II[i])
-    for i in range(w.s.n // w.s.stokes):
-        w.steepest = max(w.steepest, 1.0 / w.steep[i])
+        w.t.rates_off[w.s.o + i] = 1.0 / w.mu0[i // w.t.n_col]
+    for i in range(w.t.n_node):
+        largest = max(largest, 1.0 / steep[i])
+    return max(largest, largest_of(w.s.o + w.s.r, w.t.rates_off))
 
 
-cdef void clear_slab(const Work* w, doubles lost) noexcept nogil:
+cdef void clear_slab(const Work* w) noexcept nogil:
     """A slab that does not scatter: T alone."""
     cdef int i, n = w.s.n, stokes = w.s.stokes
-    cdef double size = half_range(w.nodes)
+    cdef double size = half_range(w.nodes), thickness = w.slab.thickness
+    cdef Extended T = w.m[<int>T_]
     for i in range(n):
-        w.t.N[<size_t>i * n + i] = exp(-w.thickness / w.nodes.mu[i // stokes])
-    for i in range(w.s.o):
-        w.t.OO[i] = exp(-w.thickness * w.e.OO[i])
-    for i in range(w.s.r):
-        w.t.II[i] = exp(-w.thickness * w.e.II[i])
-    if w.m != 0:
+        T.N[<size_t>i * n + i] = exp(-thickness / w.nodes.mu[i // stokes])
+    for i in range(w.s.o + w.s.r):
+        T.OO[i] = exp(-thickness * w.t.rates_off[i])
+    if not w.slab.turned:
         return
-    conserving_axis(w.nodes, w.v)
-    reflect_both(w.nodes, w.v, w.t.N, w.spare.N)
+    conserving_axis(w.nodes, w.t.v)
+    reflect_both(w.nodes, w.t.v, T.N, w.t.room)
     for i in range(n // stokes):     # the axis is minus the unit null vector
-        lost[stokes * i] = sqrt(w.nodes.weights[i] * w.nodes.mu[i] / size) * expm1(-w.thickness / w.nodes.mu[i])
-    turn_columns(w.nodes, 1, w.v, lost)
+        w.t.lost[stokes * i] = sqrt(w.nodes.weights[i] * w.nodes.mu[i] / size) * expm1(-thickness / w.nodes.mu[i])
+    turn_columns(w.nodes, 1, w.t.v, w.t.lost)
 
 
 cdef void extend(const Work* w, given matrix, given G, given source, Extended a) noexcept nogil:
-    """E or F with its incident and outgoing directions: the sources with the other sign, no OI."""
+    """E or F with its incident and outgoing directions: the sources with the other sign, no OI; 1/mu on the
+    diagonal."""
     cdef int i, j, n = w.s.n, o = w.s.o, stokes = w.s.stokes
     copy(<size_t>n * n, matrix, a.N)
     for j in range(n):
         for i in range(o):
             a.ON[<size_t>j * o + i] = -G[<size_t>j * o + i] / w.mu_out[i // stokes]
-    for i in range(w.n_in):
-        multiply(n, w.n_col, stokes, -1.0, source + <size_t>stokes * i * n, w.columns, 0.0,
-                 a.NI + <size_t>i * w.n_col * n)
+    for i in range(w.t.n_in):
+        multiply(n, w.t.n_col, stokes, -1.0, source + <size_t>stokes * i * n, w.t.columns, 0.0,
+                 a.NI + <size_t>i * w.t.n_col * n)
     set_zero(<size_t>w.s.r * o, a.OI)
+    copy(o + w.s.r, w.t.rates_off, a.OO)
 
 
-cdef void turn_extended(Work* w) noexcept nogil:
+cdef void turn_extended(const Work* w) noexcept nogil:
     """Order 0: one axis becomes sqrt(weight mu) on I, whose row and column of E are known exactly (2 N terms)."""
-    cdef int i, stokes = w.s.stokes, axis = flux_axis(w.s.n, stokes)
-    cdef double size = sqrt(half_range(w.nodes))
-    conserving_axis(w.nodes, w.v)
-    reflect_both(w.nodes, w.v, w.e.N, w.spare.N)
-    reflect_both(w.nodes, w.v, w.f.N, w.spare.N)
-    if not w.lossy:
-        exact_conservation(w.nodes, w.albedo, w.v, w.e.N, w.spare.N)
-    turn_edges(w, w.e)
-    turn_edges(w, w.f)
-    if w.oriented:                          # beams lose what their k says: balanced where it is assembled
+    cdef int i, k, stokes = w.s.stokes, axis = flux_axis(w.s.n, stokes), material = w.t.material[0]
+    cdef double size = sqrt(half_range(w.nodes)), albedo = w.slab.albedo
+    cdef doubles v = w.t.v, spare = w.m[<int>spare_].N
+    cdef Extended e = w.m[<int>e_]
+    conserving_axis(w.nodes, v)
+    for k in range(2):                      # e, f
+        reflect_both(w.nodes, v, w.m[k].N, spare)
+        turn_columns(w.nodes, w.s.r, v, w.m[k].NI)
+        turn_rows(w.nodes, w.s.o, v, w.m[k].ON, spare)
+    if not is_lossy(w.t, material):
+        exact_conservation(w.nodes, albedo, v, e.N, spare)
+    if w.t.oriented != NULL and w.t.oriented[material]:     # beams lose what their k says: balanced where assembled
         return
     for i in range(w.s.r):
-        w.e.NI[<size_t>i * w.s.n + axis] = w.albedo * w.columns[stokes * (i % w.n_col)] / size
+        e.NI[<size_t>i * w.s.n + axis] = albedo * w.t.columns[stokes * (i % w.t.n_col)] / size
     for i in range(w.s.o):
-        w.e.ON[<size_t>axis * w.s.o + i] = 0.0 if i % stokes else w.albedo / (w.mu_out[i // stokes] * size)
-
-
-cdef inline void turn_edges(const Work* w, Extended a) noexcept nogil:
-    """NI <- (1 - v v^T) NI, ON <- ON (1 - v v^T)."""
-    turn_columns(w.nodes, w.s.r, w.v, a.NI)
-    turn_rows(w.nodes, w.s.o, w.v, a.ON, w.spare.N)
-
-
-cdef double CONVERGED = 1e-17     # below the rounding of 1
-TANH_NUMERATOR = 135135.0, 17325.0, 378.0, 1.0      # tanh's continued fraction, its seventh convergent
-TANH_DENOMINATOR = 135135.0, 62370.0, 3150.0, 28.0
-cdef double[4] NUMERATOR = TANH_NUMERATOR
-cdef double[4] DENOMINATOR = TANH_DENOMINATOR
-
-
-cdef int double_plainly(Work* w, bint converged, int* doublings) noexcept nogil:
-    """Ze, Zo and C = 1 - Zo Ze of a finite slab: a rational start, then Zo <- 2 L^-1 Zo, Ze <- 2 Ze L^-1, L = 1 + Zo
-    Ze; a is F E on entry.
-
-    C is formed while half the thickness is at most 0.75, so that 1 - Zo Ze keeps its digits, then carried,
-    C <- (C L^-1)^2, which keeps them where T is too small for a difference. converged: once C is below the rounding of
-    1, L = 2 and doublings change C alone.
-    """
-    cdef Sizes s = w.s
-    cdef int info, step, i, count = 0, axis = flux_axis(s.n, s.stokes)
-    cdef size_t k
-    cdef double h = 0.5 * w.thickness
-    cdef bint carried = False
-    while h * w.steepest > 0.5:
-        h = 0.5 * h
-        count = count + 1
-    doublings[0] = count
-    info = rational_start(w, h)
-    for step in range(count):
-        if info != 0 or w.desk.stop[0]:
-            return info
-        if converged and carried and largest_of(size_extended(s), w.C.N) < CONVERGED:
-            product_extended(s, 0.25, w.C, w.C, w.b)
-            copy_extended(s, w.b, w.C)
-            h = 2.0 * h
-            direct_complement(w, h)
-            continue
-        product_extended(s, 1.0, w.Zo, w.Ze, w.a)                      # L - 1
-        if 2.0 * h > COMPLEMENTED and not carried:
-            complement(w, h)
-            carried = True
-        info = double_both(w)
-        if w.m == 0:
-            for i in range(s.n):    # reciprocity; rounding in this row would double at each step
-                k = <size_t>axis * s.n + i
-                w.Zo.N[<size_t>i * s.n + axis] = -w.Zo.N[k] if s.stokes == 4 and i % 4 == 3 else w.Zo.N[k]
-        h = 2.0 * h
-        go_straight(w, h)
-        if carried:
-            product_extended(s, 1.0, w.C, w.a, w.b)
-            product_extended(s, 1.0, w.b, w.b, w.C)
-            direct_complement(w, h)
-    if not carried:
-        product_extended(s, 1.0, w.Zo, w.Ze, w.a)
-        complement(w, h)
-    return info
-
-
-cdef int double_both(const Work* w) noexcept nogil:
-    """Zo <- 2 L^-1 Zo, Ze <- 2 Ze L^-1; a <- L^-1, L - 1 on entry."""
-    cdef int info
-    add_identity(w.s, 1.0, w.a)
-    info = invert_extended(w.s, w.a, w.spare, w.desk.pivots)
-    if info == 0:
-        product_extended(w.s, 2.0, w.a, w.Zo, w.b)
-        copy_extended(w.s, w.b, w.Zo)
-        product_extended(w.s, 2.0, w.Ze, w.a, w.b)
-        copy_extended(w.s, w.b, w.Ze)
-    return info
-
-
-cdef void go_straight(const Work* w, double h) noexcept nogil:
-    """Ze and Zo of unscattered light."""
-    cdef int i
-    for i in range(w.s.o):
-        w.Ze.OO[i] = w.Zo.OO[i] = tanh(h * w.e.OO[i])
-    for i in range(w.s.r):
-        w.Ze.II[i] = w.Zo.II[i] = tanh(h * w.e.II[i])
-
-
-cdef void complement(const Work* w, double h) noexcept nogil:
-    """C = 1 - Zo Ze, which a is."""
-    copy_extended(w.s, w.a, w.C)
-    scale_extended(w.s, -1.0, w.C)
-    add_identity(w.s, 1.0, w.C)
-    direct_complement(w, h)
-
-
-cdef void direct_complement(const Work* w, double h) noexcept nogil:
-    """1 - tanh^2 = 1/cosh^2 of the unscattered light, without a difference."""
-    cdef int i
-    for i in range(w.s.o):
-        w.C.OO[i] = vrte_over_cosh_squared(h * w.e.OO[i])
-    for i in range(w.s.r):
-        w.C.II[i] = vrte_over_cosh_squared(h * w.e.II[i])
-
-
-cdef extern from "core/kernels/in_c.h":
-    double vrte_over_cosh_squared(double x) noexcept nogil
-    double vrte_doubled_ratio(double ratio, double used) noexcept nogil
-
-
-cdef int rational_start(const Work* w, double h) noexcept nogil:
-    """Ze = E f, Zo = f F with the seventh convergent of tanh's continued fraction (2e-16 for h sqrt(A) <= 1/2); a is
-    F E on entry."""
-    cdef int i, info
-    cdef Sizes s = w.s
-    cdef Extended z = w.a, power = w.b, above = w.C, below = w.spare
-    scale_extended(s, h * h, z)
-    set_zero(size_extended(s), above.N)
-    set_zero(size_extended(s), below.N)
-    add_identity(s, NUMERATOR[0], above)
-    add_identity(s, DENOMINATOR[0], below)
-    copy_extended(s, z, power)
-    for i in range(1, 4):
-        add_extended(s, NUMERATOR[i], power, above)
-        add_extended(s, DENOMINATOR[i], power, below)
-        if i < 3:
-            product_extended(s, 1.0, z, power, w.Ze)
-            copy_extended(s, w.Ze, power)
-    info = invert_extended(s, below, power, w.desk.pivots)
-    product_extended(s, h, below, above, z)
-    product_extended(s, 1.0, w.e, z, w.Ze)
-    product_extended(s, 1.0, z, w.f, w.Zo)
-    go_straight(w, h)
-    return info
-
-
-cdef int double_semi_infinite(Work* w, int* doublings) noexcept nogil:
-    """Ze and Zo of a semi-infinite slab, where Zo Ze = 1, by scaled doublings.
-
-    Before each, both are multiplied by ratio^(-1/2), `ratio` being the smallest over the largest eigenvalue of
-    sqrt(Zo Ze): the smallest is estimated from below, and a wrong guess costs steps, no digits. The condition of L is
-    1/ratio: it is not let below STEEPEST_RATIO.
-    """
-    cdef Sizes s = w.s
-    cdef int info, step, i, axis = flux_axis(s.n, s.stokes)
-    cdef double ratio, used, gap, slowest = sqrt((1.0 - w.albedo) * (1.0 - w.albedo * w.asymmetry))
-    if w.m > 0 or w.albedo == 1.0:
-        slowest = max(slowest, 0.05)
-    ratio = min(1.0, slowest / w.steepest)
-    copy_extended(s, w.e, w.Ze)
-    copy_extended(s, w.f, w.Zo)
-    scale_extended(s, 1.0 / w.steepest, w.Ze)
-    scale_extended(s, 1.0 / w.steepest, w.Zo)
-    for step in range(MOST_DOUBLINGS):
-        if w.desk.stop[0]:
-            return 0
-        used = max(ratio, STEEPEST_RATIO)
-        scale_extended(s, 1.0 / sqrt(used), w.Ze)
-        scale_extended(s, 1.0 / sqrt(used), w.Zo)
-        product_extended(s, 1.0, w.Zo, w.Ze, w.a)
-        gap = 0.0
-        for i in range(s.n):
-            if not (w.m == 0 and w.albedo == 1.0 and i == axis):     # there Ze = 0 for ever
-                gap = max(gap, fabs(w.a.N[<size_t>i * s.n + i] - 1.0))
-        for i in range(s.o):
-            gap = max(gap, fabs(w.a.OO[i] - 1.0))
-        for i in range(s.r):
-            gap = max(gap, fabs(w.a.II[i] - 1.0))
-        info = double_both(w)
-        if info != 0:
-            return info
-        doublings[0] += 1
-        if gap < 1e-9 and ratio > 0.999:      # the error is squared by the step just done
-            break
-        ratio = vrte_doubled_ratio(ratio, used)
-    return 0
-
-
-cdef int reflect_and_transmit(const Work* w, doubles lost) noexcept nogil:
-    """R = So - Se and T = (1 + Zo)^-1 C (1 + Ze)^-1; semi-infinite: R = 1 - 2 Se and T = 0. lost = 2 Se, the flux's
-    row."""
-    cdef Sizes s = w.s
-    cdef int info, i, axis = flux_axis(s.n, s.stokes)
-    cdef bint semi_infinite = w.thickness > SEMI_INFINITE
-    copy_extended(s, w.Ze, w.a)
-    add_identity(s, 1.0, w.a)
-    info = invert_extended(s, w.a, w.spare, w.desk.pivots)
-    if info != 0:
-        return info
-    product_extended(s, -2.0 if semi_infinite else -1.0, w.Ze, w.a, w.r)
-    if w.m == 0:
-        for i in range(s.n):
-            lost[i] = w.r.N[<size_t>i * s.n + axis] * (-1.0 if semi_infinite else -2.0)
-    if semi_infinite:
-        add_identity(s, 1.0, w.r)
-    else:
-        product_extended(s, 1.0, w.C, w.a, w.b)                        # C (1 + Ze)^-1
-        copy_extended(s, w.Zo, w.a)
-        add_identity(s, 1.0, w.a)
-        info = invert_extended(s, w.a, w.spare, w.desk.pivots)
-        product_extended(s, 1.0, w.a, w.b, w.t)
-        if w.thickness > THICK:     # Zo may be as large as the slab is thick: So = 1 - (1 + Zo)^-1
-            add_extended(s, -1.0, w.a, w.r)
-            add_identity(s, 1.0, w.r)
-        else:                       # Zo may be small: So = Zo (1 + Zo)^-1
-            product_extended(s, 1.0, w.Zo, w.a, w.b)
-            add_extended(s, 1.0, w.b, w.r)
-    set_zero(s.o, w.r.OO)           # unscattered light only
-    set_zero(s.r, w.r.II)
-    return info
-
-
-cdef inline void half_sum_and_difference(Sizes s, Extended e, Extended f) noexcept nogil:
-    """E, F <- alpha, beta = (E +- F)/2: I+' = -alpha I+ - beta I~ and I~' = beta I+ + alpha I~."""
-    cdef size_t i
-    cdef double x
-    for i in range(size_extended(s)):
-        x = e.N[i]
-        e.N[i] = 0.5 * (x + f.N[i])
-        f.N[i] = 0.5 * (x - f.N[i])
-
-
-cdef void reflect_by_invariance(Sizes s, Extended alpha, Extended beta, Extended r, Extended t,
-                                Extended spare) noexcept nogil:
-    """R's OI anew, from R's and T's other blocks: a thin layer added on top and taken off below changes nothing.
-
-    In a thick slab at omega = 1 Zo grows with the thickness, and what it leaves in OI is the difference of two such
-    numbers; here nothing is large. (1/mu + 1/mu0) R = -(alpha R + R alpha + R beta R - T beta T) through the nodes.
-    """
-    cdef int i, j
-    cdef size_t k, nr = <size_t>s.n * s.r
-    # everything right of R_ON, and of T_ON
-    copy(nr, alpha.NI, spare.NI)
-    multiply(s.n, s.r, s.n, 1.0, beta.N, r.NI, 1.0, spare.NI)
-    multiply(s.o, s.r, s.n, -1.0, r.ON, spare.NI, 0.0, r.OI)
-    for j in range(s.r):
-        for i in range(s.n):
-            k = <size_t>j * s.n + i
-            spare.NI[k] = beta.NI[k] * t.II[j]
-    multiply(s.n, s.r, s.n, 1.0, beta.N, t.NI, 1.0, spare.NI)
-    multiply(s.o, s.r, s.n, 1.0, t.ON, spare.NI, 1.0, r.OI)
-    multiply(s.o, s.r, s.n, -1.0, alpha.ON, r.NI, 1.0, r.OI)
-    for j in range(s.n):
-        for i in range(s.o):
-            k = <size_t>j * s.o + i
-            spare.ON[k] = t.OO[i] * beta.ON[k]
-    multiply(s.o, s.r, s.n, 1.0, spare.ON, t.NI, 1.0, r.OI)
-    for j in range(s.r):
-        for i in range(s.o):
-            r.OI[<size_t>j * s.o + i] /= alpha.OO[i] + alpha.II[j]
-
-
-cdef void invariance(const Work* w, doubles residual) noexcept nogil:
-    """How far R and T are from not caring whether a thin layer is added on top or at the bottom, relative:
-    beta + alpha R + R alpha + R beta R = T beta T and (alpha + R beta) T = T (alpha + beta R); e, f: alpha, beta.
-
-    R counts relative to the light that it meets, not to itself: where albedo is 1e-12, nobody sees its last digits."""
-    cdef int n = w.s.n
-    cdef size_t i, nn = <size_t>n * n
-    cdef given alpha = w.e.N, beta = w.f.N, R = w.r.N, T = w.t.N
-    cdef doubles x = w.a.N, y = w.b.N, z = w.spare.N
-    cdef double largest
-    copy(nn, alpha, x)
-    multiply(n, n, n, 1.0, R, beta, 1.0, x)                  # alpha + R beta
-    multiply(n, n, n, 1.0, T, beta, 0.0, y)                  # T beta
-    multiply(n, n, n, 1.0, R, alpha, 0.0, z)
-    largest = largest_of(nn, alpha)
-    largest = max(max(largest_of(nn, z), largest_of(nn, beta)), largest * min(1.0, w.thickness * largest))
-    for i in range(nn):
-        z[i] += beta[i]
-    multiply(n, n, n, 1.0, x, R, 1.0, z)
-    multiply(n, n, n, -1.0, y, T, 1.0, z)
-    residual[0] = largest_of(nn, z) / largest if largest > 0.0 else 0.0
-    multiply(n, n, n, 1.0, x, T, 0.0, z)
-    largest = largest_of(nn, z)
-    multiply(n, n, n, -1.0, T, alpha, 1.0, z)
-    multiply(n, n, n, -1.0, y, R, 1.0, z)
-    residual[1] = largest_of(nn, z) / largest if largest > NO_LIGHT else 0.0
+        e.ON[<size_t>axis * w.s.o + i] = 0.0 if i % stokes else albedo / (w.mu_out[i // stokes] * size)

@@ -42,31 +42,15 @@ cdef inline Extended extended_at(Sizes s, doubles memory) noexcept nogil:
     return x
 
 
-cdef inline void copy_extended(Sizes s, Extended a, Extended b) noexcept nogil:
-    copy(size_extended(s), a.N, b.N)
-
-
-cdef inline void scale_extended(Sizes s, double factor, Extended a) noexcept nogil:
+cdef void combine(Sizes s, double alpha, Extended a, double beta, Extended b, double gamma, Extended c) noexcept nogil:
+    """c = alpha a + beta b + gamma 1."""
     cdef size_t i
     for i in range(size_extended(s)):
-        a.N[i] *= factor
-
-
-cdef inline void add_extended(Sizes s, double factor, Extended a, Extended b) noexcept nogil:
-    """b += factor a."""
-    cdef size_t i
-    for i in range(size_extended(s)):
-        b.N[i] += factor * a.N[i]
-
-
-cdef inline void add_identity(Sizes s, double factor, Extended a) noexcept nogil:
-    cdef int i
-    for i in range(s.n):
-        a.N[<size_t>i * s.n + i] += factor
-    for i in range(s.o):
-        a.OO[i] += factor
-    for i in range(s.r):
-        a.II[i] += factor
+        c.N[i] = alpha * a.N[i] if beta == 0.0 else alpha * a.N[i] + beta * b.N[i]
+    for i in range(s.n if gamma != 0.0 else 0):
+        c.N[i * s.n + i] += gamma
+    for i in range(s.o + s.r if gamma != 0.0 else 0):
+        c.OO[i] += gamma                                                        # and II behind it
 
 
 cdef void product_extended(Sizes s, double factor, Extended a, Extended b, Extended c) noexcept nogil:

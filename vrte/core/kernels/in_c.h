@@ -11,7 +11,9 @@ typedef double real;
 typedef double lanes;
 typedef int mask;
 #define VRTE_SHARED VRTE_INLINE
+#define VRTE_LIST static const
 #define STORED const
+#define DOUBLED 1e-9      /* distance of Zo Ze of a semi-infinite slab from 1 before the last doubling */
 #define INDEPENDENT 1e-10 /* of two steps: the determinant of their products over the product of their squares */
 
 #include "complexes.h"
@@ -19,3 +21,4 @@ typedef int mask;
 #include "wigner.h"
 #include "series.h"
 #include "steps.h"
+#include "doubling.h"
