@@ -120,8 +120,8 @@ def describe_slabs(
     turned: NDArray[np.bool_],
     clear: NDArray[np.bool_],
 ) -> Any:
-    """vrte_slab of core/kernels/doubling.h of every slab and Fourier order, (item,), before it is doubled. of: place of its matrices;
-    turned: whether it is order 0 and carries the flux; clear: whether it is not to be doubled."""
+    """vrte_slab of core/kernels/doubling.h of every slab and Fourier order, (item,), before it is doubled. of: place of
+    its matrices; turned: whether it is order 0 and carries the flux; clear: whether it is not to be doubled."""
     kinds = [(name, session.real) for name in REALS] + [(name, np.int32) for name in INTEGERS]
     found, conservative = np.zeros(of.size, np.dtype(kinds, align=True)), albedo == 1.0
     slowest = np.sqrt((1.0 - albedo) * (1.0 - albedo * asymmetry))

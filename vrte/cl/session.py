@@ -16,7 +16,7 @@ from vrte.basics.arrays import Array
 from vrte.basics.errors import DeviceError
 from vrte.cl.building import Kernels, arrange, build_kernels
 
-SHARED = "complexes", "paths", "wigner", "series", "steps", "doubling"  # mathematics of core/kernels/, and then the kernels
+SHARED = "complexes", "paths", "wigner", "series", "steps", "doubling"  # of core/kernels/; then the kernels
 KERNELS = "products", "inverse", "extended", "doubling", "assembly", "invariance", "joining", "sums"
 IN_DOUBLES = "cl/scattering.cl", "cl/reconstruction.cl"  # left out of a program in single precision
 SOURCES = (
