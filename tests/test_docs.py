@@ -41,7 +41,7 @@ def cited(text: str) -> set[tuple[int, int]]:
 
 
 def function_of(text: str, name: str) -> str:
-    """A function, class or list of operations with the comments and decorators right above it; "" where there is none."""
+    """A function, class or list of operations with comments and decorators right above it; "" where there is none."""
     lines = text.splitlines()
     head = re.compile(rf"( *)(?:def|cdef|cpdef|class|VRTE_LIST|VRTE_SHARED)\b[^(\n]*\b{name}[(:[]")
     start = next((index for index, line in enumerate(lines) if head.match(line)), None)
