@@ -241,6 +241,7 @@ def test_a_layer_of_flakes_has_their_fields() -> None:
     assert layer == form.FLAKES
     places = [("layer", 0, "flakes", "index"), ("layer", 0, "flakes", "tilt_deg"), ("layer", 0, "flake_area")]
     assert all(find_field(place, content).label for place in places)
+    assert all(find_field(("layer", 0, "flakes", key), content).label for key in ("substrate", "transparent"))
     layer["flakes"]["tilt_deg"] = 0.0
     assert list(problems(content)) == ["layer[1].flakes.tilt_deg"]
     form.set_medium(content, 0, "particles")

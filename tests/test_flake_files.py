@@ -34,6 +34,15 @@ def test_a_layer_of_flakes_is_that_of_python() -> None:
     assert mirrors.flakes == vrte.flakes(tilts=([0.0, 10.0], [1.0, 0.0]), wavelength_um=0.55)
 
 
+def test_plates_of_a_file_let_light_through() -> None:
+    plates = {"substrate": "mica", "stack": [["anatase", 0.05]]}
+    expected = vrte.flakes(None, 12.0, [("anatase", 0.05)], 0.55, 1.5, substrate="mica")
+    for more in ({}, {"transparent": True}):
+        assert make_layer({"flakes": {**plates, **more}, "host_index": 1.5, **FILM}).flakes == expected
+    content = {**BEAM, "layer": [{"flakes": plates, **FILM}]}
+    assert [name for _, name in list_substances(content)] == ["mica", "anatase"]
+
+
 def test_flakes_lie_beside_particles_in_their_medium() -> None:
     for filling in ({"particles": "dust", "thickness": 1.0}, {"phase": "rayleigh", "albedo": 0.5, "thickness": 1.0}):
         layer = make_layer({**filling, "flakes": {"index": [0.3, 3.0]}, "flake_area": 2.0}, **POWDER)
@@ -82,6 +91,8 @@ def test_sweeps_and_families_change_numbers_of_flakes(tmp_path: Path) -> None:
     ({"flakes": {"tilt_deg": 0}, "flake_area": 1}, "layer[1].flakes.tilt_deg must be from 0.5 to 60 degrees"),
     ({"flakes": {"tilt": 3}, "flake_area": 1}, "layer[1].flakes.tilt = 3: unknown key"),
     ({"flakes": {"stack": ["silica"]}, "flake_area": 1}, 'layer[1].flakes.stack = ["silica"]: must be a list of films'),
+    ({"flakes": {"transparent": True}, "flake_area": 1}, "layer[1].flakes.transparent needs a substrate"),
+    ({"flakes": {"substrate": "gold"}, "flake_area": 1}, "layer[1].flakes.substrate must be that of a clear plate"),
     ({"flakes": {"index": "goold"}, "flake_area": 1}, "layer[1].flakes.index: 'goold' is neither"),
     ({"flakes": {}, "phase": "isotropic", "albedo": 1, "thickness": 1}, "need both of flakes and flake_area"),
     ({"flake_area": 1, "phase": "isotropic", "albedo": 1, "thickness": 1}, "need both of flakes and flake_area"),

@@ -6,12 +6,14 @@ from typing import Any
 from bench.study import make_markdown_table
 from vrte.appearance.quantities import QUANTITIES
 from vrte.formats.bases import BASES
+from vrte.formats.flakes import FLAKES
 from vrte.formats.keys import Choice, FilePath, Key
 from vrte.formats.layers import PHASES
 from vrte.formats.materials import PIGMENTS
 from vrte.formats.particle_sources import DIAMETERS, SIZES, SOURCES
 from vrte.formats.toml_table import write_value
 from vrte.optics.crowding import PACKINGS
+from vrte.optics.flakes import MAKE_UPS
 
 INTRODUCTION = """# What a scene file knows by name
 
@@ -72,6 +74,13 @@ def write_page() -> str:
     for heading, registry in registries.items():
         table = make_markdown_table(("name", "what", "keys"), list_rows(registry))
         parts.append(f"## {heading}\n\n{WRITTEN[heading]('NAME' if heading != 'Bases' else 'name')}\n\n{table}")
+    made_up = make_markdown_table(("name", "what"), [(f"`{name}`", row["reason"]) for name, row in MAKE_UPS.items()])
+    keys, there = (
+        ", ".join(describe_key(*each) for each in FLAKES.items()),
+        "[scene_files.md](scene_files.md#layerflakes)",
+    )
+    flakes = f"`flakes = {{ ... }}` of a `[[layer]]` or of [paint] ({there}): {keys}."
+    parts.append(f"## Flakes\n\n{flakes}\n\nNames of `index` beside substances:\n\n{made_up}")
     packings = make_markdown_table(("name", "what"), [(f"`{name}`", one.words) for name, one in PACKINGS.items()])
     parts.append(
         f"## Packing\n\n`packing` of a `[[layer]]` of particles ([particles.md](../how_to/particles.md))\n\n{packings}"

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from vrte.basics.errors import Place
-from vrte.formats.keys import WAVE_KEYS, Key, Number, Numbers, Reading, Substance, list_names, read_keys
+from vrte.formats.keys import WAVE_KEYS, Flag, Key, Number, Numbers, Reading, Substance, list_names, read_keys
 from vrte.formats.toml_table import Table, is_number, locate_errors
 from vrte.optics.flakes import Flakes, flakes
 
@@ -49,6 +49,8 @@ class Tilts(Key):
 
 FLAKES: dict[str, Key] = {
     "index": Substance("core", "aluminium", hint="a name, or n, k; none: perfect mirrors", needed=False),
+    "substrate": Substance("substrate of clear plates", "mica", hint="in place of a core", needed=False),
+    "transparent": Flag("let light through", hint="true with a substrate, or left out", needed=False),
     "tilt_deg": Number("tilt σ [°]", 12.0, hint="0.5 to 60", needed=False),
     "stack": Stack("films from the outside in", needed=False),
     "tilts": Tilts("a table in place of tilt σ", needed=False),

@@ -357,7 +357,8 @@ class FormPanel:
         geometric, held = form.is_geometric(layer), medium in form.HELD
         lengths = ["thickness_um" if geometric else "thickness"]
         if "flakes" in layer:
-            self.keys([("layer", place, "flakes", key) for key in ("index", "tilt_deg")])
+            core = "substrate" if "substrate" in layer["flakes"] else "index"
+            self.keys([("layer", place, "flakes", key) for key in (core, "tilt_deg")])
             sizes = [key for key in (*form.OF_FLAKES[1:], *form.THICKNESS_KEYS[1:]) if key in layer]
             lengths = sizes if medium == "flakes" else [*lengths, "flake_area"]
         with make_row():
