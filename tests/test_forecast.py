@@ -21,7 +21,7 @@ from vrte.calls import plan
 from vrte.calls.plan import make_request
 from vrte.calls.plan import predict_seconds as predict_call
 from vrte.discrete_ordinates.planning import memory
-from vrte.methods import find_method, predict_seconds
+from vrte.methods import find_method, make_run, predict_seconds
 from vrte.request.how import METHODS
 from vrte.request.request import Request
 
@@ -115,6 +115,35 @@ def test_rough_scenes_are_predicted_beside_each_other() -> None:
         vrte.brdf(scene, mu, mu, nodes=nodes, threads=1)
         ratios.append(predicted / (time.process_time() - begin))
     assert 0.4 < ratios[1] / ratios[0] < 2.5
+
+
+def test_searches_for_nodes_are_predicted_beside_given_nodes() -> None:
+    """Two to four counts are solved: a search was forecast at 0.1 to 0.6 of its time under rough surfaces."""
+    layer, mu = vrte.Layer(vrte.rayleigh(), 0.9, 1.0), np.linspace(0.1, 1.0, 12)
+    plate = vrte.Scene([vrte.Interface(1.0, 1.5, 0.3), layer, vrte.Interface(1.5, 1.0, 0.3)])
+    bare = vrte.Scene([vrte.Layer(POLARIZING, 0.99, 5.0)], vrte.Lambertian(0.5))
+    ratios = []
+    for scene, how in ((ROUGH, {"nodes": 48}), (plate, {"accuracy": 1e-3}), (bare, {"accuracy": 1e-5})):
+        predicted, _ = predict_call(make_request("brdf", scene, mu, mu, threads=1, **how))
+        begin = time.process_time()
+        vrte.brdf(scene, mu, mu, threads=1, **how)
+        ratios.append(predicted / (time.process_time() - begin))
+    assert all(0.4 < ratio / ratios[0] < 2.5 for ratio in ratios), ratios
+
+
+def test_flakes_and_facets_are_not_brief() -> None:
+    """Four nodes in a few milliseconds, were it not for the lobes: those get threads, and Ctrl-C reaches them."""
+    flakes = vrte.Layer.of(vrte.flakes("aluminium", tilt_deg=20.0, wavelength_um=0.55), flake_area=3.0)
+    faces = [vrte.Interface(1.0, 1.5, roughness) for roughness in (0.0, 0.3)]
+    for top, is_brief in (
+        (vrte.Layer(vrte.rayleigh(), 0.9, 1.0), True),
+        (flakes, False),
+        (faces[0], True),
+        (faces[1], False),
+    ):
+        layers = [top] if isinstance(top, vrte.Layer) else [top, vrte.Layer(vrte.rayleigh(), 0.9, 1.0)]
+        request = make_request("brdf", vrte.Scene(layers), 0.5, 0.5, nodes=4, threads=2)
+        assert make_run(request).brief is is_brief
 
 
 def test_memory_of_rough_surfaces_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -29,7 +29,13 @@ RATE: Mapping[str, float] = {
     "successive-orders": 2.5e10,
 }
 PLANNING_RATE = 2e8  # rate of planning [1/s]: squares of Fourier orders times directions
-SEARCHING = 1.7  # run time of a search for the nodes over that of its last solve
+# of a search for the nodes, by 15 scenes of 0.02 to 1.4 s: time over that of the count estimated; counts that it solves
+SEARCHING, COUNTS = 2.6, 2.7
+A_TRIAL = 8e-3  # time of each of them beside its operations
+SMOOTH, ROUGH = (
+    1e-2,
+    2e-2,
+)  # time of a solve beside its operations where light is refracted, by smooth or rough surfaces
 VERIFYING = 4.0  # run time of verify=True, by both algorithms, over that of one
 
 # operations of discrete ordinates over n^3, counted; lower powers of n are in the formulas

@@ -86,9 +86,10 @@ class Request(How):
 
 
 def estimate_operations(request: Request) -> float:
-    """Predicted of a request, roughly, whichever way it is solved; infinite where nodes or directions are not known."""
+    """Predicted of a request, roughly, whichever way it is solved; infinite where nodes or directions are not known, or
+    what flakes and facets scatter takes longer than the rest."""
     scene, mu = request.scene, request.mu
-    if scene.below.is_uneven or request.nodes is None or mu is None:
+    if scene.below.is_uneven or scene.is_rough or scene.has_flakes or request.nodes is None or mu is None:
         return math.inf
     scalar = all(layer.phase_matrix.is_scalar for layer in scene.layers)
     terms = max(layer.phase_matrix.terms for layer in scene.layers)

@@ -59,5 +59,9 @@ def warn_runtime_of_plan(plan: Plan, run: Run) -> None:
 def predict_total_seconds(plan: Plan) -> float:
     """Of all parts of a plan on one thread, with what verifies them and with the search for nodes."""
     request = plan.request
-    times = (cost.VERIFYING if request.verify else 1.0) * (cost.SEARCHING if request.nodes is None else 1.0)
-    return count_operations_of_plan(plan) / cost.RATE[EXACT] * times
+    times, solves, each = cost.VERIFYING if request.verify else 1.0, 1.0, 0.0
+    if request.scene.has_interfaces:
+        each = cost.ROUGH if request.scene.is_rough else cost.SMOOTH
+    if request.nodes is None:
+        times, solves, each = times * cost.SEARCHING, cost.COUNTS, each + cost.A_TRIAL
+    return count_operations_of_plan(plan) / cost.RATE[EXACT] * times + solves * each

@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vrte.basics.arrays import Array, BoolArray, replace_unchecked
+from vrte.basics.arrays import Array, BoolArray, make_readonly, replace_unchecked
 from vrte.basics.quadrature import make_double_gauss
 from vrte.basics.running import Run
 from vrte.basics.views import view
@@ -65,6 +65,7 @@ from vrte.optics.facet_integrals import FINEST as FINEST_OF_FACETS
 from vrte.request.how import EXACT
 from vrte.request.request import Request, Wanted
 from vrte.scene.beams import find_cosines
+from vrte.scene.interface import Interface
 from vrte.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -297,6 +298,12 @@ def describe_base(scene: Scene) -> str:
     return f"{scene.base.name}, not reached below an infinite layer"
 
 
+@lru_cache(maxsize=64)
+def sum_shares(interface: Interface, cosines: bytes) -> Array:
+    """R + T of a rough interface along cosines as they lie in memory, (n,): some solves of few nodes take no longer."""
+    return make_readonly(np.sum(interface.share(np.frombuffer(cosines)), axis=0))
+
+
 def describe_interfaces(scene: Scene, mu0: Array) -> dict[str, Any]:
     """What refracts, from the top, and what facets of rough ones make of the beams that reach them: by the interface's
     number, the share R + T (n_in,) that they send on, 1 but for what they lose, or without shadows gain, between them;
@@ -311,7 +318,7 @@ def describe_interfaces(scene: Scene, mu0: Array) -> dict[str, Any]:
         lit = cosines[k] > 0.0
         if not interface.is_smooth and lit.any():
             sent = np.full(mu0.size, np.nan)
-            sent[lit] = sum(interface.share(cosines[k][lit]))
+            sent[lit] = sum_shares(interface, cosines[k][lit].tobytes())
             shares[str(number)] = [None if np.isnan(part) else round(float(part), 6) for part in sent]
     return found | ({"facets_send_on": shares} if shares else {})
 
