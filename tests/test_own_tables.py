@@ -125,6 +125,12 @@ def test_kept_optics_distinguish_tables_sizes_and_shells_by_all_digits() -> None
     shapes = ({"shell_um": 0.05}, {"core_ratio": 0.75}, {"core_radius_um": 0.15}, {"shell_um": np.nextafter(0.05, 1)})
     given = {"core": 1.0, "shell": 1.59, "radius_um": 0.2}
     assert len({make_file_name("coated-spheres", given | shape) for shape in shapes}) == 4
+    kinds = [
+        (kind, {"index": 1.5, "aspect_ratio": k, "radius_um": 0.05})
+        for kind in ("spheroids", "cylinders")
+        for k in (1, 2)
+    ]
+    assert len({make_file_name(*kind) for kind in kinds}) == 4
     tables = [vrte.IndexTable(tuple(values), tuple(n), tuple(0.0 * ones)) for n in (ones, peak)]
     assert len({make_file_name("spheres", {"index": index, "radius_um": 0.5}) for index in tables}) == 2
 

@@ -172,29 +172,6 @@ def test_one_number_of_several_layers(name: str, value: float, parts: dict[int, 
     assert slope == close_to((4.0 * near - far) / 3.0, rtol=0.0, atol=1e-8 * abs(slope).max())
 
 
-@pytest.mark.parametrize(
-    "name", ["layer[glass].volume_fraction", "particles.glass.radius_um", "particles.glass.index[1]"]
-)
-def test_numbers_of_particles_are_swept_differentiated_and_fitted(name: str) -> None:
-    """Volume fraction, size and index of one kind in two layers, the same in all three."""
-    glass = {"particles": "glass", "thickness_um": 30.0, "volume_fraction": 0.02}
-    content = make_content(layer=[glass, HAZE, glass]) | {"nodes": 4, "brdf": {"mu_i": [0.4, 0.9], "mu_o": [0.3, 0.8]}}
-    family = vrte.SceneFamily(content, [name])
-    (value,), step = family.values, 4e-3 * family.values[0]
-    points = [value + k * step for k in (-2, -1, 1, 2)]
-    table = vrte.sweep({**content, "axes": {name: points}}, workers=1)
-    values = table.mueller.values.reshape(4, 2, 2, 1, 4, 4)
-    found = vrte.brdf(family.at([value]), [0.4, 0.9], [0.3, 0.8], nodes=4, derivatives=family.variations())
-    slope = found.jacobian[name]
-    plain = (values[0] - 8.0 * values[1] + 8.0 * values[2] - values[3]) / (12.0 * step)
-    assert slope == close_to(plain, rtol=0.0, atol=1e-6 * abs(slope).max())
-    rows = vrte.Measurement("f00", 0.0, theta_i_deg=40.0, theta_o_deg=[-50.0, 0.0, 30.0, 60.0])
-    shown = rows.predict(content, nodes=4)
-    measured = rows.measure(shown, 0.01 * shown)
-    fitted = vrte.fit(measured, content, {name: {"start": 1.05 * value, "high": 1.5 * value}}, nodes=4)
-    assert fitted.values == close_to([value], rtol=1e-4, atol=0.0)
-
-
 def test_interfaces_are_no_layers_of_a_range() -> None:
     """Of a range an interface is left out, but where the number is one of interfaces; kinds may be a paint's."""
     surface = {"interface": {"above": 1.0, "below": 1.5, "roughness": 0.1}}

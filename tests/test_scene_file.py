@@ -108,6 +108,7 @@ SIEVES: list[Content] = [
     {"table": "radii.csv"},
 ]
 COATED: Content = {"core": 1.0, "shell": 1.59, "radius_um": 0.25, "host_index": 1.33}
+FLAT: Content = {"index": [1.5, 0.01], "aspect_ratio": 2.0, "radius_um": 0.05, "host_index": 1.33}
 MIXED = {"particles.glass": GLASS, "layer[1].thickness": None, "layer[1].thickness_um": 5}
 SOIL = {"kind": "rpv", "rho_0": 0.076, "k": 0.648, "asymmetry": -0.29, "rho_c": 0.6}
 TINT = [1.5, 1e-3]
@@ -175,6 +176,11 @@ RIGHT: list[tuple[Content, Content, Callable[[], Any]]] = [  # a scene, what is 
             ({"radius_um": 0.25}, {"core_radius_um": 0.2}),
         )
     ],
+    (
+        ONE,
+        {"particles.one": FLAT | {"source": "spheroids"}},
+        lambda: of_one(vrte.spheroids, FLAT["index"], **{name: FLAT[name] for name in FLAT if name != "index"}),
+    ),
     (FOG, {"layer[1].phase": "isotropic"}, lambda: vrte.Layer(vrte.isotropic(), 0.9, 2.0)),
     (FOG, {}, lambda: vrte.Layer(vrte.rayleigh(), 0.9, 2.0)),
     (FOG, {"layer[1].phase": {"rayleigh": 0.03}}, lambda: vrte.Layer(vrte.rayleigh(0.03), 0.9, 2.0)),

@@ -1,20 +1,16 @@
 """Spheroids and cylinders: Mie and published coefficients, orientations one by one, energy, limits, scene files."""
 
 import math
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 import vrte
 from vrte.basics.quadrature import find_gauss_legendre
-from vrte.formats.scene_file import make_scene_file
 from vrte.optics import particles, shapes, transition_matrix
 from vrte.optics.particles import SizeAverageWarning
 from vrte.optics.phase_matrix import arrange_coefficients
 from vrte.optics.transition_matrix import CYLINDER, SPHEROID
-from vrte.sweep.store import make_file_name
 
 from .helpers import assert_close, close_to
 
@@ -183,28 +179,3 @@ def test_checks_do_no_work_and_name_the_extra(monkeypatch: pytest.MonkeyPatch) -
     for call in (shapes.spheroids, shapes.check_cylinders):
         with pytest.raises(vrte.MissingExtraError, match=r"pip install 'vrte\[shapes\]'"):
             call(1.6, **GOOD)
-
-
-DUST: dict[str, Any] = {"source": "spheroids", "index": [1.5, 0.01], "aspect_ratio": 2.0, "radius_um": 0.05}
-
-
-def make_scene(**changes: Any) -> dict[str, Any]:
-    layer, request = {"particles": "one", "thickness": 1.0}, {"mu_i": 0.5, "mu_o": 0.5}
-    return {"wavelength_um": 0.55, "nodes": 4, "particles": {"one": DUST | changes}, "layer": [layer], "brdf": request}
-
-
-def test_scene_files_and_sweeps_know_them(tmp_path: Path) -> None:
-    found = make_scene_file(make_scene(host_index=1.33)).particles["one"]
-    how = {"aspect_ratio": 2.0, "radius_um": 0.05, "wavelength_um": 0.55}
-    expected = vrte.spheroids((1.5, 0.01), host_index=1.33, **how)
-    assert (found.extinction_um2, found.description) == (expected.extinction_um2, expected.description)
-    table = vrte.sweep(make_scene() | {"axes": {"particles.one.aspect_ratio": [0.5, 2.0]}}, tmp_path / "flat.zarr")
-    for index, aspect_ratio in enumerate((0.5, 2.0)):
-        alone = vrte.brdf(make_scene_file(make_scene(aspect_ratio=aspect_ratio)).scene, 0.5, 0.5, nodes=4)
-        assert table.mueller.values[index].ravel() == close_to(alone.mueller.ravel(), rtol=1e-12, atol=0.0)
-    table.close()
-    kinds = [(kind, {"index": 1.5, **how, "aspect_ratio": k}) for kind in ("spheroids", "cylinders") for k in (1, 2)]
-    assert len({make_file_name(*kind) for kind in kinds}) == 4
-    words = r"^particles\.one\.aspect_ratio must be a width over a length, from 0\.1 to 10, not 20"
-    with pytest.raises(vrte.SceneError, match=words):
-        make_scene_file(make_scene(aspect_ratio=20))
