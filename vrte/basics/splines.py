@@ -55,8 +55,7 @@ def compute_weights(grid: Array, points: Array, degree: int = DEGREE) -> Array:
 def repeat_grid(
     grid: Array, period: float = 2.0 * np.pi, low: float = 0.0, high: float = np.inf, margin: int = MARGIN
 ) -> tuple[Array, NDArray[np.intp]]:
-    """A period's points from ``low`` to ``high`` and ``margin`` more at each end, and which of ``grid`` (n,) each
-    is."""
+    """A period's points from ``low`` to ``high``, ``margin`` more at each end, and which of ``grid`` (n,) each is."""
     turns = -(-margin // grid.size) + 1
     count = np.arange(-turns * grid.size, (turns + 1) * grid.size + 1)
     going_on = grid[count % grid.size] + period * (count // grid.size)
@@ -90,8 +89,7 @@ def extend_azimuths(
 def extend_over_pole(
     theta: Array, here: Array, opposite: Array, axis: int = 0, margin: int = MARGIN
 ) -> tuple[Array, Array]:
-    """Angles (m,) and values along great circles, ``opposite`` at angles below 0; ``theta`` (n,) ascends on
-    ``axis``."""
+    """Angles (m,), values along great circles, ``opposite`` at angles below 0; ``theta`` (n,) ascends on ``axis``."""
     behind = np.flatnonzero(theta > POLE)[:margin][::-1]  # the pole itself counts once
     return np.concatenate([-theta[behind], theta]), np.concatenate([opposite.take(behind, axis), here], axis)
 

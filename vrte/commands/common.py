@@ -107,8 +107,7 @@ class Parser(argparse.ArgumentParser):
         group: Any = None,
         **more: Any,
     ) -> None:
-        """An argument as it is typed, "-o --output OUT.csv"; ``limits`` of a whole number N, ``suffixes`` of a file
-        OUT."""
+        """An argument as typed, "-o --output OUT.csv"; ``limits`` of a number N, ``suffixes`` of a file OUT."""
         *names, word = typed.split()
         if word.startswith("-"):
             more = more if "choices" in more else {"action": "store_true"} | more

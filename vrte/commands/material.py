@@ -129,8 +129,7 @@ def show_ready_material(options: argparse.Namespace) -> None:
 
 
 def describe_layer(name: str, wavelength_um: float) -> dict[str, float]:
-    """How a ready material's layer scatters at a wavelength: extinction [1/um], transport length, cross sections
-    [um2]."""
+    """How a ready material's layer scatters: extinction [1/um], transport length, cross sections [um2]."""
     request = {"brdf": {"mu_i": 1.0, "mu_o": 1.0}}
     file = make_scene_file({"wavelength_um": wavelength_um, "layer": [{"material": name}], **request})
     layer = file.scene.layers[0]

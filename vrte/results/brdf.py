@@ -186,6 +186,11 @@ SCENE = "scene_toml"  # in diagnostics: the text of the scene file
 Found = TypeVar("Found", bound=Brdf | Field)
 
 
+def share(name: str, words: str) -> Any:
+    """A property of a spectrum: the directions that all of its BRDFs have."""
+    return property(lambda spectrum: getattr(spectrum.brdfs[0], name), doc=words)
+
+
 def stack(name: str, words: str) -> Any:
     """A property of a spectrum: arrays of its BRDFs, or dictionaries of them, stacked, read-only, or None."""
 
@@ -251,21 +256,9 @@ class Spectrum(Result):
         first, last = self.wavelength_um[[0, -1]]
         return f"Spectrum({len(self)} wavelengths from {first:g} to {last:g} um, {self.brdfs[0]!r} at each)"
 
-    @property
-    def mu_i(self) -> Array:
-        """Cosines of incidence, (n_in,)."""
-        return self.brdfs[0].mu_i
-
-    @property
-    def mu_o(self) -> Array:
-        """Cosines of exit, (n_out,)."""
-        return self.brdfs[0].mu_o
-
-    @property
-    def phi(self) -> Array:
-        """Azimuths of exit from the incident light's [degrees], (n_phi,)."""
-        return self.brdfs[0].phi
-
+    mu_i = share("mu_i", "Cosines of incidence, (n_in,).")
+    mu_o = share("mu_o", "Cosines of exit, (n_out,).")
+    phi = share("phi", "Azimuths of exit from the incident light's [degrees], (n_phi,).")
     mueller = stack("mueller", "The BRDFs [1/sr], (n, n_in, n_out, n_phi, 4, 4), a new read-only array.")
     reflectance = stack("reflectance", "Directional-hemispherical reflectances of diffuse light, (n, n_in).")
     transmission = stack("transmission", "The BTDFs [1/sr], of the same shape as ``mueller``, or None.")

@@ -54,8 +54,7 @@ def of_stokes(stokes: Any, name: str) -> Array:
 
 
 def of_brdf(brdf: Brdf, name: str, stokes: Any = (1.0, 0.0, 0.0, 0.0), transmitted: bool = False) -> Array:
-    """One of QUANTITIES, (n_in, n_out, n_phi), of a BRDF's diffuse light, or its BTDF's, under light ``stokes``
-    (4,)."""
+    """One of QUANTITIES, (n_in, n_out, n_phi), of a BRDF's or BTDF's diffuse light under light ``stokes`` (4,)."""
     matrices = brdf.transmission if transmitted else brdf.mueller
     if matrices is None:
         raise SceneError("no transmission here: ask vrte.brdf for it with transmission=True")

@@ -3,13 +3,11 @@
 Jobs of a Dask cluster go to its workers, who write their results to the folder of the sweep.
 """
 
-import atexit
 import logging
-import queue
 import signal
-import threading
 import time
 from collections.abc import Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack, contextmanager
 from itertools import islice
 from typing import Any
@@ -18,7 +16,7 @@ import numpy as np
 
 from vrte.basics.arrays import put_in_one_line
 from vrte.basics.errors import MissingExtraError, SweepError, import_extra
-from vrte.basics.running import PATIENCE, wait_for
+from vrte.basics.running import PATIENCE
 from vrte.calls.brdfs import Share, share_cores
 from vrte.sweep.chunks import Job, make_processor_solver, open_work, perform
 from vrte.sweep.store import Work
@@ -28,51 +26,30 @@ ENGINES = ("threads", "dask", "opencl")
 
 def perform_on_threads(work: Work, jobs: Iterable[Job], count: int, cores: int) -> Iterator[int]:
     """Does ``count`` jobs on so many cores of this process, the last ones on several; an interrupt stops them."""
-    workers = max(1, min(cores, count))
-    stop = np.zeros(1, np.int32)
-    busy = [workers]
-    results: queue.SimpleQueue[int | BaseException | None] = queue.SimpleQueue()
-    waiting, lock = iter(jobs), threading.Lock()
-    all_left = threading.Event()
-    solve = make_processor_solver(lambda: max(1, cores // max(1, busy[0])), stop)
+    workers, left, stop = max(1, min(cores, count)), count, np.zeros(1, np.int32)
+    waiting, running = iter(jobs), set[Future[int]]()
+    solve = make_processor_solver(lambda: max(1, cores // max(1, min(workers, left))), stop)
 
-    def take_job() -> Job | None:
-        with lock:
-            return None if stop[0] else next(waiting, None)
+    def run(job: Job) -> int:
+        with share_cores(Share(1, stop)):
+            return perform(work, job, solve)
 
-    def run_worker() -> None:
-        try:
-            with share_cores(Share(1, stop)):
-                while (job := take_job()) is not None:
-                    results.put(perform(work, job, solve))
-        except BaseException as error:
-            results.put(error)
-        finally:
-            with lock:
-                busy[0] -= 1
-                if not busy[0]:
-                    all_left.set()
-            results.put(None)
-
-    for index in range(workers):
-        threading.Thread(target=run_worker, name=f"vrte-sweep-{index}", daemon=True).start()
+    pool = ThreadPoolExecutor(workers, "vrte-sweep")
     try:
-        while workers:
-            try:
-                found = results.get(timeout=0.2)  # in short waits, so that Ctrl-C is heard
-            except queue.Empty:
-                continue
-            if isinstance(found, BaseException):
-                raise found
-            if found is None:
-                workers -= 1
-            else:
-                yield found
+        while True:
+            running |= {pool.submit(run, job) for job in islice(waiting, workers - len(running))}
+            if not running:
+                break
+            done, running = wait(running, 0.2, FIRST_COMPLETED)  # in short waits, so that Ctrl-C is heard
+            left -= len(done)
+            for each in done:
+                yield each.result()
     except BaseException:
         stop[0] = 1
-        if not wait_for(all_left, PATIENCE):
-            atexit.register(wait_for, all_left, 3600.0)
+        pool.shutdown(wait=False, cancel_futures=True)
+        wait(running, PATIENCE)
         raise
+    pool.shutdown()
 
 
 AHEAD = 2  # jobs for each thread of the cluster that are sent before they can begin
@@ -188,7 +165,8 @@ def connect_client(scheduler: str) -> Any:
 
 def send_jobs(client: Any, work: Work, jobs: Iterable[Job], most: int) -> Iterator[int]:
     """Does the jobs, no more than ``most`` of them known to the cluster at a time."""
-    from distributed import KilledWorker, wait
+    from distributed import KilledWorker
+    from distributed import wait as wait_there
 
     waiting, lost = iter(jobs), []
     known: dict[Any, Job] = {}
@@ -199,7 +177,7 @@ def send_jobs(client: Any, work: Work, jobs: Iterable[Job], most: int) -> Iterat
         if not known:
             break
         try:
-            finished = wait(list(known), timeout=1.0, return_when="FIRST_COMPLETED").done
+            finished = wait_there(list(known), timeout=1.0, return_when="FIRST_COMPLETED").done
         except TimeoutError:
             seen = find_last_seen(client, seen)
             continue
