@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 
 import vrte
+from vrte.appearance.gloss import find_glosses
+from vrte.appearance.panel import make_panel
 from vrte.calls import brdfs
 from vrte.cli import main
 from vrte.fit.model import make_model
@@ -130,6 +132,33 @@ def test_colours_of_a_substance_that_is_not_known_everywhere() -> None:
     assert_close(given.predict(paint), [seen.L, seen.a, seen.b], rtol=0.0, atol=2e-3)
     found = vrte.fit(given.measure([seen.L, seen.a, seen.b]), paint, ["layer[1].thickness"], most_steps=1)
     assert "below 0.43 µm, taken as at 0.43" in str(found)
+
+
+def test_roughness_is_fitted_to_gloss() -> None:
+    """Gloss is that of a panel, its derivatives those of differences, under a rough surface and a smooth one; a film
+    without a surface has none."""
+    film = {"phase": "isotropic", "albedo": 0.9, "thickness": 2.0}
+    surface = {"above": 1.0, "below": 1.5, "roughness": 0.06, "distribution": "ggx"}
+    content = {"layer": [{"interface": surface}, film]}
+    at = [0.42, 0.46, 0.50, 0.54, 0.58, 0.62, 0.66, 0.70]
+    rows = vrte.Measurement(["gloss_20", "gloss_60", "gloss_85"], 10.0, 0.5)
+    names = ["layer[1].interface.roughness", "layer[2].albedo", "layer[1].interface.below"]
+    for interface, free in ((surface, names), ({"above": 1.0, "below": 1.5}, names[1:])):
+        here = {**content, "layer": [{"interface": interface}, film]}
+        exact, differences = (
+            make_model(rows, here, free, 4, wavelengths_um=at, jacobian=how) for how in ("exact", "differences")
+        )
+        (value, slopes), (_, expected) = exact.linearize(exact.start), differences.linearize(differences.start)
+        assert_close(value, [*find_glosses(make_panel(here, at, nodes=4)).values()], rtol=1e-9, atol=0.0)
+        assert_close(slopes, expected, rtol=1e-6, atol=1e-7 * np.abs(expected).max())
+    guess = {"layer": [{"interface": {**surface, "roughness": 0.1}}, film]}
+    measured = rows.measure(rows.predict(content, nodes=4, wavelengths_um=at))
+    found = vrte.fit(measured, guess, names[:1], nodes=4, wavelengths_um=at)
+    assert_close(found.values, [0.06], rtol=1e-6, atol=0.0)
+    with pytest.raises(vrte.SceneError, match="gloss needs a surface"):
+        rows.predict({"layer": [film]}, nodes=4, wavelengths_um=at)
+    with pytest.raises(vrte.SceneError, match="row 1: wavelength_um must be empty: gloss_60 has none"):
+        vrte.Measurement("gloss_60", 50.0, wavelength_um=0.5)
 
 
 def test_what_cannot_be_told_apart_is_said(tmp_path: Path) -> None:

@@ -39,6 +39,15 @@ BEGIN_DATA
 Black 10 0 0 0.05 0.05 0.05 0.05
 END_DATA
 """
+PAIRS = """CGATS.17
+BEGIN_DATA_FORMAT
+SAMPLE_NAME SPECTRAL_NM SPECTRAL_PCT SPECTRAL_NM SPECTRAL_PCT SPECTRAL_NM SPECTRAL_PCT SPECTRAL_NM SPECTRAL_PCT
+END_DATA_FORMAT
+BEGIN_DATA
+"White tile" 400 50 410 60 420 70 430 80
+END_DATA
+"""
+VALUES = "400 50 410 60 420 70 430 80"
 CARY = """White,,Black,,
 Wavelength (nm),%R,Wavelength (nm),%R,
 430,80,430,5,
@@ -82,6 +91,8 @@ SPECTRA: list[tuple[str | bytes, dict[str, Any], str]] = [
     (MINOLTA, {"sample": "A", "geometry": None}, "geometry SCE: as the file says"),
     (CXF, {"geometry": None}, "reflectance of 'White' in fractions: as the file says"),
     (CGATS, {"sample": "White tile", "geometry": "45:0", "value_unit": "fraction"}, "CGATS.17, 2 samples"),
+    (PAIRS, {}, "reflectance of 'White tile' in per cent: as the file says"),
+    (PAIRS.replace("PCT", "DEC").replace(VALUES, "400 .5 410 .6 420 .7 430 .8"), {}, "in fractions: as the file says"),
     ("Panel;nm;R\nA;400;50\nA;410;60\nA;420;70\nA;430;80\nB;400;1\n", {"sample": "A"}, "values of 'A', 1 of 2 samples"),
 ]
 
@@ -123,6 +134,18 @@ def test_colours_are_read_with_their_light(tmp_path: Path) -> None:
     )
     found = vrte.read_measurement(write(tmp_path, "X,Y,Z\n1,2,3\n"), geometry="45:0", illuminant="C", observer=2)
     assert (found.quantity.tolist(), found.value.tolist()) == (["X", "Y", "Z"], [1.0, 2.0, 3.0])
+
+
+def test_gloss_is_read_alone_or_beside_colours(tmp_path: Path) -> None:
+    alone = vrte.read_measurement(write(tmp_path, "Panel;Gloss 20° [GU];60 GU;Gloss 85\nA;50,5;81;92\n"))
+    assert alone.quantity.tolist() == ["gloss_20", "gloss_60", "gloss_85"]
+    assert alone.value.tolist() == [50.5, 81.0, 92.0]
+    beside = write(tmp_path, "Name,Gloss 60,L,a,b\nWhite,80,90,-1,3\n")
+    light = {"geometry": "45:0", "illuminant": "A", "observer": 2}
+    found = vrte.read_measurement(beside, **light)
+    assert found.names == ("L", "a", "b")
+    assert "gloss stands beside the colours: quantity='gloss' takes it" in found.understood
+    assert vrte.read_measurement(beside, quantity="gloss").names == ("gloss_60",)
 
 
 def test_goniometers_have_angles_and_errors(tmp_path: Path) -> None:
@@ -218,6 +241,11 @@ REFUSED: list[tuple[str | bytes, dict[str, Any], str]] = [
     (CXF[:-9], BARE, "CxF: no XML"),
     ("<a/>", BARE, "CxF: no object has a ReflectanceSpectrum"),
     (CGATS.replace("Black 10", "10"), {}, "CGATS: 15 values in BEGIN_DATA must be a multiple of the 8 names"),
+    (
+        PAIRS.replace("END_DATA\n", "Black 401 5 410 5 420 5 430 5\nEND_DATA\n"),
+        {"geometry": "45:0"},
+        "CGATS: wavelengths of one column must be the same in all samples, not 400, 401",
+    ),
     (CGATS + "BEGIN_DATA\n", {}, "line 13: a second BEGIN_DATA: a file holds one table"),
     # keywords
     (SPECTRUM, {"sample": "Grey"}, "sample must be one of 'White', or its number from 1, not 'Grey'"),

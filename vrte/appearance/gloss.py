@@ -94,16 +94,19 @@ def read_gloss(spectrum: Spectrum, surfaces: Sequence[Interface | None], angle_d
     if any(one.diagnostics.get("illuminate", "top") != "top" for one in spectrum):
         raise SceneError("gloss is read off the upper surface: the spectrum must be lit from the top")
     weights = weigh_wavelengths(spectrum.wavelength_um, "C", 2)[1]
-    parts = weights @ np.array([split_light(*pair, angle) for pair in zip(spectrum, surfaces, strict=True)])
+    parts = weights @ np.array([read_parts(*pair, angle) for pair in zip(spectrum, surfaces, strict=True)])
     if not any(surfaces) and parts[0] < LEAST_BEAM:
         raise SceneError(NEEDS_SURFACE)
-    surface, diffuse, uneven = 100.0 * parts
-    if uneven > MOST_UNEVEN * (surface + diffuse):
-        raise SceneError(
-            f"gloss at {angle:g} degrees: what comes from below the surface has a peak in the receptor, {diffuse:.3g} "
-            f"gloss units give or take {uneven:.2g}; only the lobe of the surface on top may be that narrow"
-        )
-    return float(surface + diffuse)
+    check_evenness(parts, angle)
+    return 100.0 * float(parts[0] + parts[1])
+
+
+def read_parts(brdf: Brdf, surface: Interface | None, angle_deg: float) -> tuple[Any, Any, Any]:
+    """The parts of `split_light` of a BRDF under a surface."""
+    index, places = list_gloss_places(brdf, angle_deg)
+    mirrored = 0.0 if brdf.specular is None else float(brdf.specular[index, 0, 0])
+    light = brdf.mueller[index][..., 0, 0][places]
+    return split_light(mirrored, light, find_own_lobe(surface, angle_deg), angle_deg)
 
 
 def find_surface_gloss(surface: Interface, angle_deg: float = 60.0) -> float:
@@ -117,23 +120,49 @@ def find_surface_gloss(surface: Interface, angle_deg: float = 60.0) -> float:
     return 100.0 * share / glass
 
 
-def split_light(brdf: Brdf, surface: Interface | None, angle_deg: float) -> tuple[float, float, float]:
-    """Light in the receptor over the black glass's: mirrored; the rest; the error of the rest's quadrature."""
-    alone = 0.0 if surface is None else 0.01 * find_surface_gloss(surface, angle_deg)  # refuses what is not in air
-    receptor, mu = RECEPTORS[angle_deg], math.cos(math.radians(angle_deg))
-    glass = collect_mirrored(BLACK_GLASS, mu, receptor)
+def list_gloss_places(brdf: Brdf, angle_deg: float) -> tuple[int, Any]:
+    """The index of the incident direction, and those (3, 2) of exit and azimuth that a gloss is read at."""
     mu_o, phi = list_rims(angle_deg)
     reading = f"gloss at {angle_deg:g} degrees"
-    index = find_place("mu_i", brdf.mu_i, mu, reading)
+    index = find_place("mu_i", brdf.mu_i, math.cos(math.radians(angle_deg)), reading)
     rows = [find_place("mu_o", brdf.mu_o, one, reading) for one in mu_o.tolist()]
     columns = [find_place("phi", brdf.phi, one, reading) for one in phi.tolist()]
-    light = brdf.mueller[index, rows][:, columns, 0, 0]  # (in the plane, across)
-    mirrored = 0.0 if brdf.specular is None else float(brdf.specular[index, 0, 0]) / glass
-    if surface is not None and not surface.is_smooth:
-        light = light - surface.facets.reflect(mu, mu_o[:, None], phi)[..., 0, 0]
-        mirrored += alone
-    seen, cosines = project_solid_angle(receptor, angle_deg) / glass, mu_o[:, None]
+    return index, np.ix_(rows, columns)
+
+
+def find_own_lobe(surface: Interface | None, angle_deg: float) -> Array:
+    """What a rough surface on top itself sends into the receptor over the black glass's, and f [1/sr] at the receptor's
+    middle and rims in the plane and across, (1 + 6,); 0 of a smooth one, which mirrors beams, and of none."""
+    if surface is None:
+        return np.zeros(7)
+    alone = 0.01 * find_surface_gloss(surface, angle_deg)  # refuses what is not in air
+    if surface.is_smooth:
+        return np.zeros(7)
+    mu_o, phi = list_rims(angle_deg)
+    lobe = surface.facets.reflect(math.cos(math.radians(angle_deg)), mu_o[:, None], phi)[..., 0, 0]
+    return np.concatenate([[alone], lobe.ravel()])
+
+
+def split_light(mirrored: Any, light: Array, own: Array, angle_deg: float) -> tuple[Any, Any, Any]:
+    """Light in the receptor over the black glass's (...), mirrored, the rest, and the error of the rest's quadrature,
+    of the share of the beam that is ``mirrored`` (...), f [1/sr] at middle and rims (..., 3, 2), and the surface's
+    ``own`` (..., 7)."""
+    receptor, mu = RECEPTORS[angle_deg], math.cos(math.radians(angle_deg))
+    glass = collect_mirrored(BLACK_GLASS, mu, receptor)
+    light = light - own[..., 1:].reshape(light.shape)
+    seen, cosines = project_solid_angle(receptor, angle_deg) / glass, list_rims(angle_deg)[0][:, None]
     fine, coarse = (
-        float((rule * light[:, [1, 0, 1]] * cosines).sum() / (rule * cosines).sum()) for rule in (SIMPSON, TRAPEZE)
+        (rule * light[..., [1, 0, 1]] * cosines).sum((-2, -1)) / (rule * cosines).sum() for rule in (SIMPSON, TRAPEZE)
     )
-    return mirrored, fine * seen, abs(fine - coarse) * seen
+    return mirrored / glass + own[..., 0], fine * seen, np.abs(fine - coarse) * seen
+
+
+def check_evenness(parts: Any, angle_deg: float) -> None:
+    """Raises SceneError where the parts (3,) of `split_light` say that light from inside has a peak that nine
+    directions do not resolve."""
+    surface, diffuse, uneven = (100.0 * float(part) for part in parts)
+    if uneven > MOST_UNEVEN * (surface + diffuse):
+        raise SceneError(
+            f"gloss at {angle_deg:g} degrees: what comes from below the surface has a peak in the receptor, "
+            f"{diffuse:.3g} gloss units give or take {uneven:.2g}; only the lobe of the surface on top may be as narrow"
+        )

@@ -7,7 +7,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.fit.measurement import Measurement
-from vrte.fit.quantities import LOOK, QUANTITIES
+from vrte.fit.quantities import QUANTITIES
 
 COORDINATES = {  # in words, as a sign, and the unit
     "theta_o_deg": ("angle of exit", "θₒ", "°"),
@@ -31,7 +31,7 @@ class CurveRows:
 
 def name_bars(quantity: str) -> str:
     """Under what a single number is shown."""
-    return COLOURS if QUANTITIES[quantity].needs == LOOK else NUMBERS
+    return COLOURS if QUANTITIES[quantity].is_over_visible else NUMBERS
 
 
 def find_rows(measured: Measurement, shown: str) -> Any:

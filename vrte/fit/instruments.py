@@ -13,7 +13,7 @@ import numpy as np
 from vrte.appearance.geometries import read_geometry
 from vrte.basics.arrays import Array, put_in_one_line, show_value
 from vrte.basics.errors import SceneError
-from vrte.fit.quantities import DIRECTIONS, INSTRUMENT, LOOK, QUANTITIES
+from vrte.fit.quantities import DIRECTIONS, GLOSS, INSTRUMENT, LOOK, QUANTITIES
 from vrte.formats.columns import Columns
 from vrte.formats.instrument_files import MISSING, is_number
 
@@ -44,6 +44,7 @@ HEADS = {  # what a column is, by the words of its head without its unit, in sma
 }
 ROLE_OF = {word: role for role, words in HEADS.items() for word in words.split(", ")}
 COLOUR = re.compile(r"(?:cie|lab)?[\s_-]*([lab])\*?(?:[\s_]*\(.*\))?", re.IGNORECASE)
+GLOSS_HEAD = re.compile(r"(?i)(?:gloss|gu)\D{0,3}(20|60|85)\b\D*|(20|60|85)\D{0,6}(?:gloss|gu)\b\D*")
 TRISTIMULUS = re.compile(r"(?:cie|CIE|xyz|XYZ)?[\s_-]*([XYZ])(?:[\s_]*\(.*\))?")  # small letters are chromaticities
 SPECTRAL = re.compile(r"(?:spectral[\s_]*)?(?:nm|r|w)?[\s_]*(\d{3,4}(?:\.\d+)?)\s*(?:nm)?", re.IGNORECASE)
 FEWEST_SPECTRAL = 3  # columns named by wavelengths
@@ -184,6 +185,8 @@ class Interpreter:
             return found[1]
         if name in QUANTITIES:
             return name
+        if found := GLOSS_HEAD.fullmatch(name):
+            return f"gloss_{found[1] or found[2]}"
         if found := TRISTIMULUS.fullmatch(name):
             return found[1]
         found = COLOUR.fullmatch(name)
@@ -200,10 +203,14 @@ class Interpreter:
             columns[role] = name
         spectral = {name: float(role) for name, role in roles.items() if role[:1].isdigit()}
         colours = [one for one in ("Lab", "XYZ") if {*one} <= {*columns}]
-        wanted = self.get("quantity", None, *QUANTITIES, *colours)
-        if spectral and wanted not in colours:
-            if colours and not wanted:
-                self.say(f"{colours[0]} stands beside the spectra: quantity={colours[0]!r} takes it")
+        glosses = [one for one in QUANTITIES if QUANTITIES[one].needs == GLOSS and one in columns]
+        groups = [*colours, *(["gloss"] if glosses else [])]
+        wanted = self.get("quantity", None, *QUANTITIES, *groups)
+        if glosses and (wanted == "gloss" or not (wanted or spectral or colours or {*AXES} & {*columns})):
+            yield from self.list_rows(columns, [columns[one] for one in glosses], glosses, {})
+        elif spectral and wanted not in colours:
+            if groups and not wanted:
+                self.say(f"{groups[0]} stands beside the spectra: quantity={groups[0]!r} takes it")
             self.get("wavelength_unit", "nm")
             self.say(
                 f"spectra in rows, wavelengths {min(spectral.values()):g} to {max(spectral.values()):g} nm in heads"
@@ -216,6 +223,8 @@ class Interpreter:
             chosen = wanted if wanted in colours else colours[0]
             if chosen != colours[-1] and not wanted:
                 self.say("X, Y, Z stand beside L, a, b: quantity='XYZ' takes them")
+            if glosses and not wanted:
+                self.say("gloss stands beside the colours: quantity='gloss' takes it")
             yield from self.list_rows(columns, [columns[one] for one in chosen], [*chosen], {})
         elif not {*AXES, *QUANTITIES}.isdisjoint(columns):
             yield from self.list_columns(roles, columns, wanted)
@@ -384,7 +393,7 @@ class Interpreter:
         if "sigma" in where:
             where["sigma"] = np.asarray(where["sigma"]) / scale
         for name in (*AXES, "sigma"):
-            needed = name in known.needs or name == "sigma" or (name == "wavelength_um" and known.needs != LOOK)
+            needed = name in known.needs or name == "sigma" or (name == "wavelength_um" and not known.is_over_visible)
             if name not in where and needed and self.given.get(name) is not None:
                 where[name] = [float(self.get(name))] * count
             elif name not in where and name in known.needs and name in ASKS:

@@ -12,7 +12,7 @@ from vrte.appearance.geometries import read_geometry
 from vrte.basics.arrays import Array, check_list, check_numbers, make_readonly, put_in_one_line, show_value
 from vrte.basics.errors import SceneError
 from vrte.fit.instruments import Interpreter, Reading
-from vrte.fit.quantities import LOOK, QUANTITIES, MeasuredQuantity
+from vrte.fit.quantities import QUANTITIES, MeasuredQuantity
 from vrte.formats.columns import write_table
 from vrte.formats.measurement import MOST_ROWS, WORDS, read_columns
 from vrte.formats.toml_table import suggest_nearest
@@ -113,7 +113,7 @@ class Measurement:
         for name in COORDINATES:
             column = getattr(self, name)
             empty = column[rows] == "" if name in WORDS else np.isnan(column[rows])
-            if name not in known.needs and not (name == "base" or (name in OPTIONAL and known.needs != LOOK)):
+            if name not in known.needs and not (name == "base" or (name in OPTIONAL and not known.is_over_visible)):
                 self._refuse(rows, ~empty, name, f"must be empty: {what} has none")
                 continue
             if name not in DEFAULTS and name not in OPTIONAL:

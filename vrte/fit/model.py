@@ -20,6 +20,7 @@ from vrte.appearance.geometries import (
     read_geometry,
     subtract_port,
 )
+from vrte.appearance.gloss import LEAST_BEAM, NEEDS_SURFACE, check_evenness, find_own_lobe, list_rims, split_light
 from vrte.appearance.panel import choose_wavelengths
 from vrte.basics.arrays import Array, put_in_one_line
 from vrte.basics.differences import STEP, sample_around
@@ -30,7 +31,7 @@ from vrte.calls.derivatives import read_derivatives, solve_with_derivatives
 from vrte.calls.spectrum import name_wavelength
 from vrte.fit.light import Seen, Sight, Solved, make_scene_jet, read_sight
 from vrte.fit.measurement import Measurement
-from vrte.fit.quantities import BEAM, DIRECTIONS, LOOK, QUANTITIES, BeamShares
+from vrte.fit.quantities import BEAM, DIRECTIONS, GLOSS, QUANTITIES, BeamShares
 from vrte.formats.scene_family import SceneFamily
 from vrte.formats.scene_file import OPTION_KEYS, REQUESTS, read_content
 from vrte.methods import choose_method, make_run
@@ -56,6 +57,48 @@ class Instrument:
     beams: tuple[int, ...]
     triple: int | None
 
+    def read(self, seen: Seen) -> Array:
+        """The reflectance factor (1 + n,), as vrte/appearance/geometries.py defines it."""
+        geometry, shares = self.geometry, seen.shares
+        if geometry.angle_o is not None:
+            return np.pi * seen.matrices[:, self.triple, 0, 0]
+        beams = list(self.beams)
+        total = shares.reflected[:, beams] + shares.mirrored[:, beams]
+        if geometry.angle_i is None:
+            mu, weights = hemisphere(NODES)
+            return 2.0 * total @ (weights * mu)
+        if not geometry.excluded:
+            return total[:, 0]
+        mu_i, there = find_cosine(geometry.angle_i), seen.matrices[:, self.triple, 0, 0]
+        own = make_scene_jet(
+            lambda scene: find_own_light(scene.interfaces[0], mu_i, PORT_DEG), seen.scene, seen.variations, mu_i
+        )
+        return subtract_port(shares.reflected[:, beams[0]], there, own, geometry.angle_i, PORT_DEG)
+
+
+@dataclass(frozen=True)
+class Glossmeter:
+    """A glossmeter's light at one wavelength, by its angle [degrees]: places in the sight of its beam, and of the
+    middle and rims of its receptor, in the plane and across, (3, 2)."""
+
+    angle: float
+    beam: int
+    triples: Any
+
+    def read(self, seen: Seen) -> Array:
+        """Light in the receptor over that of the black glass (1 + n,). Raises SceneError."""
+        mu, top = find_cosine(self.angle), seen.scene.interfaces[0]
+        mirrored = seen.shares.mirrored[:, self.beam]
+        if top is None and mirrored[0] < LEAST_BEAM:
+            raise SceneError(NEEDS_SURFACE)
+        own = make_scene_jet(
+            lambda scene: find_own_lobe(scene.interfaces[0], self.angle), seen.scene, seen.variations, mu
+        )
+        parts = split_light(mirrored, seen.matrices[:, self.triples, 0, 0], own, self.angle)
+        check_evenness([part[0] for part in parts], self.angle)
+        found: Array = parts[0] + parts[1]
+        return found
+
 
 class Model:
     """The rows of a measurement as a function of some numbers of a scene: ``source`` as it was given, ``families`` at
@@ -77,7 +120,9 @@ class Model:
         self.nodes: int | None = self.options.get("nodes")
         self.sights: dict[Spot, Sight] = {}
         self.direct: dict[tuple[str, Spot], list[tuple[int, int]]] = {}  # rows, and their places in a sight
-        self.read_by_instruments: list[tuple[int, list[tuple[Spot, Instrument]]]] = []  # rows; several: colours
+        self.read_by_instruments: list[
+            tuple[int, list[tuple[Spot, Instrument | Glossmeter]]]
+        ] = []  # rows; several: colours
         for row in range(len(measurement)):
             self._add_row(row)
         rows = [row for row, _ in self.read_by_instruments if measurement.illuminant[row]]
@@ -101,10 +146,10 @@ class Model:
         given = self.measurement
         name, spot = given.quantity[row], find_spot(given, row)
         known = QUANTITIES[name]
-        if given.geometry[row]:
-            several = [(one, spot[1]) for one in self.colours_um.tolist()] if known.needs == LOOK else [spot]
-            geometry = read_geometry(given.geometry[row])
-            self.read_by_instruments.append((row, [(one, self._place_instrument(one, geometry)) for one in several]))
+        if known.is_over_visible or given.geometry[row]:
+            several = [(one, spot[1]) for one in self.colours_um.tolist()] if known.is_over_visible else [spot]
+            made = [(one, self._place_instrument(one, name, given.geometry[row])) for one in several]
+            self.read_by_instruments.append((row, made))
             return
         sight = self.sights.setdefault(spot, Sight())
         mu_i, theta_o, phi = find_cosine(given.theta_i_deg[row]), given.theta_o_deg[row], given.phi_deg[row]
@@ -115,9 +160,15 @@ class Model:
             index = sight.add_triple(known.through, mu_i, find_cosine(theta_o), turned)
         self.direct.setdefault((name, spot), []).append((row, index))
 
-    def _place_instrument(self, spot: Spot, geometry: Geometry) -> Instrument:
+    def _place_instrument(self, spot: Spot, quantity: str, geometry_name: str) -> Instrument | Glossmeter:
         """The directions of an instrument, added to the sight of a wavelength and base."""
         sight = self.sights.setdefault(spot, Sight())
+        if QUANTITIES[quantity].needs == GLOSS:
+            angle = float(quantity.rpartition("_")[2])
+            mu, (rims, azimuths) = find_cosine(angle), list_rims(angle)
+            places = [[sight.add_triple(False, mu, float(out), float(phi)) for phi in azimuths] for out in rims]
+            return Glossmeter(angle, sight.add_beam(mu, False), np.array(places))
+        geometry = read_geometry(geometry_name)
         mu_i, mu_o, phi = geometry.directions
         if geometry.angle_o is not None:
             return Instrument(geometry, (), sight.add_triple(False, float(mu_i[0]), float(mu_o[0]), float(phi[0])))
@@ -225,12 +276,14 @@ class Model:
             else:
                 out[:, rows] = known.read(BeamShares(*(part[:, indices] for part in light.shares)))
         for row, parts in self.read_by_instruments:
-            factors = np.stack([read_instrument(made, seen[at]) for at, made in parts], axis=1)
+            factors = np.stack([made.read(seen[at]) for at, made in parts], axis=1)
             known, illuminant = QUANTITIES[self.measurement.quantity[row]], self.measurement.illuminant[row]
             if illuminant:
                 observer = int(self.measurement.observer[row])
                 weights = weigh_wavelengths(self.colours_um, illuminant, observer)
                 out[:, row] = known.read(factors @ weights.T, find_white(illuminant, observer))
+            elif known.needs == GLOSS:
+                out[:, row] = known.read(factors @ weigh_wavelengths(self.colours_um, "C", 2)[1])
             else:
                 out[:, row] = known.read(factors[:, 0])
         return out
@@ -248,25 +301,6 @@ def solve_alike(requests: Sequence[Request]) -> list[Solution]:
         alike = [requests[index] for index in indices]
         found |= dict(zip(indices, solve_side_by_side(alike, as_light=True), strict=True))
     return [found[index] for index in range(len(requests))]
-
-
-def read_instrument(made: Instrument, seen: Seen) -> Array:
-    """An instrument's reflectance factor (1 + n,), as vrte/appearance/geometries.py defines it."""
-    geometry, shares = made.geometry, seen.shares
-    if geometry.angle_o is not None:
-        return np.pi * seen.matrices[:, made.triple, 0, 0]
-    beams = list(made.beams)
-    total = shares.reflected[:, beams] + shares.mirrored[:, beams]
-    if geometry.angle_i is None:
-        mu, weights = hemisphere(NODES)
-        return 2.0 * total @ (weights * mu)
-    if not geometry.excluded:
-        return total[:, 0]
-    mu_i, there = find_cosine(geometry.angle_i), seen.matrices[:, made.triple, 0, 0]
-    own = make_scene_jet(
-        lambda scene: find_own_light(scene.interfaces[0], mu_i, PORT_DEG), seen.scene, seen.variations, mu_i
-    )
-    return subtract_port(shares.reflected[:, beams[0]], there, own, geometry.angle_i, PORT_DEG)
 
 
 def find_spot(given: Measurement, row: int) -> Spot:
@@ -316,7 +350,7 @@ def make_model(
     jacobian: str = "exact",
 ) -> Model:
     """The model of a measurement by a scene, of which numbers with these names change. Raises SceneError, OSError."""
-    looks = [QUANTITIES[name].needs == LOOK for name in measurement.quantity.tolist()]
+    looks = [QUANTITIES[name].is_over_visible for name in measurement.quantity.tolist()]
     spots = [find_spot(measurement, row) for row in range(len(measurement))]
     at = dict.fromkeys(spot for spot, look in zip(spots, looks, strict=True) if not look)
     if any(base is not None for _, base in spots):
@@ -325,14 +359,14 @@ def make_model(
                 words = "is a number of the base, and rows of the measurement have bases of their own: leave one out"
                 raise SceneError(f"free: {put_in_one_line(name)} {words}", "free")
     if wavelengths_um is not None and not any(looks):
-        raise SceneError.of("wavelengths_um", "are of colours, and none was measured")
+        raise SceneError.of("wavelengths_um", "are of colours and gloss, and none was measured")
     given = {"nodes": nodes, "accuracy": accuracy, "threads": threads}
     asked = {name: one for name, one in given.items() if one is not None}
     if isinstance(scene, SceneFamily):
         scene, folder = scene.source, scene.folder or folder
     if isinstance(scene, Scene):
         if any(looks) or any(one for one, _ in at):
-            of = "of colours" if any(looks) else f"at {max(one for one, _ in at if one):g} um"
+            of = "of colours or gloss" if any(looks) else f"at {max(one for one, _ in at if one):g} um"
             words = f"the measurement is {of}, and a vrte.Scene knows no wavelength: give a scene file or its content"
             raise SceneError(words)
         source = make_family(scene, names, folder)

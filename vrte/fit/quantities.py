@@ -12,12 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vrte.appearance.gloss import RECEPTORS
 from vrte.basics.arrays import Array
 
 DIRECTIONS = ("theta_i_deg", "theta_o_deg", "phi_deg")
 BEAM = ("theta_i_deg",)
 INSTRUMENT = ("geometry",)
 LOOK = ("geometry", "illuminant", "observer")
+GLOSS: tuple[str, ...] = ()  # its name says all
 KNEE = (6.0 / 29.0) ** 3  # where CIELAB's cube root becomes a straight line (ISO/CIE 11664-4)
 
 
@@ -34,8 +36,8 @@ class BeamShares(NamedTuple):
 class MeasuredQuantity:
     """A quantity in words, its unit, the columns that it needs, and the function that reads jets (1 + n, rows): of
     Mueller matrices (1 + n, rows, 4, 4) where it needs directions, of `BeamShares` for a beam, (1 + n,) of an
-    instrument's factor, or of X, Y, Z (1 + n, 3) and the white's (3,); ``through``: of transmitted light; ``bounds``:
-    what it can be."""
+    instrument's factor or gloss, or of X, Y, Z (1 + n, 3) and the white's (3,); ``through``: of transmitted light;
+    ``bounds``: what it can be."""
 
     words: str
     unit: str
@@ -43,6 +45,11 @@ class MeasuredQuantity:
     read: Callable[..., Array]
     through: bool = False
     bounds: tuple[float, float] = (-np.inf, np.inf)
+
+    @property
+    def is_over_visible(self) -> bool:
+        """Whether all wavelengths of the visible are summed, so that it has none of its own."""
+        return self.needs in (LOOK, GLOSS)
 
 
 def divide_jets(one: Array, other: Array) -> Array:
@@ -164,5 +171,12 @@ QUANTITIES: dict[str, MeasuredQuantity] = {
             f"CIELAB {words} (ISO/CIE 11664-4)", "1", LOOK, partial(read_lightness, weights=weights, at_black=at_black)
         )
         for name, (words, weights, at_black) in LIGHTNESSES.items()
+    },
+    **{
+        f"gloss_{angle:g}": MeasuredQuantity(
+            f"specular gloss at {angle:g} degrees (ISO 2813)", "GU", GLOSS, lambda seen: 100.0 * seen,
+            bounds=(0.0, np.inf),
+        )
+        for angle in RECEPTORS
     },
 }  # fmt: skip

@@ -13,7 +13,7 @@ from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress
 from vrte.fit.measurement import COORDINATES, Measurement
 from vrte.fit.problem import FitProblem, fit_residuals
-from vrte.fit.quantities import LOOK, QUANTITIES
+from vrte.fit.quantities import QUANTITIES
 
 if TYPE_CHECKING:
     from vrte.fit.result import Fit
@@ -99,7 +99,7 @@ def guess_units(given: Measurement) -> Iterator[str]:
         yield f"theta_i_deg and theta_o_deg are {between}: these look like {kind}, and degrees are needed"
     for name in given.names:
         known, values = QUANTITIES[name], given.value[given.quantity == name]
-        is_factor = known.unit == "1" and known.bounds == (0.0, math.inf) and known.needs != LOOK
+        is_factor = known.unit == "1" and known.bounds == (0.0, math.inf) and not known.is_over_visible
         if is_factor and np.median(values) > LEAST_PER_CENT and values.max() <= MOST_PER_CENT:
             between = f"{values.min():g} to {values.max():g}"
             yield f"{name} is {between}: this looks like per cent, and the perfect white diffuser has 1"

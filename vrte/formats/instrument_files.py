@@ -7,6 +7,7 @@ ISO 17972-1; both from public files, not from the standards.
 import csv
 import re
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from xml.etree import ElementTree
 
 from vrte.basics.arrays import put_in_one_line
@@ -19,6 +20,7 @@ COMMENTS = "#", "%", "//", "!"
 MISSING = {"", "-", "--", "nan", "n/a", "na", "****"}  # cells of rows where nothing was measured
 NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)(e[+-]?\d+)?", re.IGNORECASE)
 UNIT = re.compile(r"[(\[]?(nm|um|µm|μm|cm-1|1/cm|%|deg|°|-|1|a\.?u\.?|)[)\]]?", re.IGNORECASE)
+PAIRED = "SPECTRAL_PCT", "SPECTRAL_DEC"  # of CGATS, behind SPECTRAL_NM: per cent, fractions
 WORD = re.compile(r'"([^"]*)"|(\S+)')  # of CGATS
 SHOWN = 40  # characters of a file that an error shows
 ENCODINGS = {"utf-8-sig": "UTF-8", "utf-16": "UTF-16", "utf-16-le": "UTF-16", "utf-16-be": "UTF-16"}
@@ -169,8 +171,33 @@ def parse_cgats(text: str) -> Columns:
         raise SceneError(f"CGATS: {words}, and not 0")
     sets = range(0, len(cells), len(names))
     rows = [[word for _, word in cells[index : index + len(names)]] for index in sets]
-    above = [line for _, line in parts[""]]
-    return Columns(names, rows, [cells[index][0] for index in sets], " ", above, [f"CGATS.17, {len(rows)} samples"])
+    above, values = [line for _, line in parts[""]], {*PAIRED} & {*names}
+    if "SPECTRAL_PCT" in values:
+        above.append("SPECTRAL_PCT: per cent")
+    names, rows = join_pairs(names, rows)
+    notes, fractions = [f"CGATS.17, {len(rows)} samples"], values == {"SPECTRAL_DEC"}
+    return Columns(names, rows, [cells[index][0] for index in sets], " ", above, notes, are_fractions=fractions)
+
+
+def join_pairs(names: list[str], rows: list[list[str]]) -> tuple[list[str], list[list[str]]]:
+    """Columns where spectra are pairs of a wavelength [nm] and a value, as columns named by wavelengths. Raises
+    SceneError where samples have other wavelengths.
+
+    >>> join_pairs(["SPECTRAL_NM", "SPECTRAL_PCT"], [["400", "61.5"], ["400", "63.0"]])
+    (['400 nm'], [['61.5'], ['63.0']])
+    """
+    found = list(names)
+    pairs = [k for k, (name, value) in enumerate(pairwise(names)) if name == "SPECTRAL_NM" and value in PAIRED]
+    for k in pairs:
+        wavelengths = {row[k] for row in rows}
+        if len(wavelengths) > 1:
+            words = (
+                f"wavelengths of one column must be the same in all samples, not {', '.join(sorted(wavelengths)[:3])}"
+            )
+            raise SceneError(f"CGATS: {words}")
+        found[k + 1] = f"{wavelengths.pop()} nm"
+    kept = [k for k in range(len(names)) if k not in pairs]
+    return [found[k] for k in kept], [[row[k] for k in kept] for row in rows]
 
 
 def parse_cxf(text: str) -> Columns:
