@@ -11,7 +11,7 @@ import pytest
 import vrte
 from bench import other_codes
 from vrte.basics.differences import sample_around
-from vrte.discrete_ordinates.derivatives import adjoint
+from vrte.discrete_ordinates.derivatives import adjoint, semi_infinite
 from vrte.discrete_ordinates.derivatives import differentiate as differentiating
 from vrte.discrete_ordinates.derivatives.differentiate import differentiate_plan, find_gap
 from vrte.discrete_ordinates.derivatives.functions import Decay
@@ -399,6 +399,24 @@ def test_invariance_finds_what_modes_find(allowed: float, monkeypatch: pytest.Mo
         assert np.abs(got - right).max() < 1e-11 * np.abs(right).max()
     got, right = (way.vjp(weights).coefficients[0] for way in ways)
     assert np.abs(got - right).max() < 1e-11 * np.abs(right).max()
+
+
+def test_derivatives_take_what_the_light_has_found_by_invariance(monkeypatch: pytest.MonkeyPatch) -> None:
+    """R of the light serves its derivatives, which are what they are without it."""
+    recall, found = semi_infinite.recall_reflections, []
+
+    def watch(*given: Any) -> Any:
+        found.append(recall(*given))
+        return found[-1]
+
+    monkeypatch.setattr(semi_infinite, "recall_reflections", watch)
+    scene, name = vrte.Scene([vrte.Layer(SPHERES, 0.9, np.inf)]), "layer[1].albedo"
+    asked: Any = {"mu_i": [0.3, 1.0], "mu_o": [0.2, 0.9], "phi": [20.0], "nodes": 8, "algorithm": "invariance"}
+    own = vrte.brdf(scene, derivatives=[name], **asked).jacobian[name]
+    assert found and all(one["kept_R"].any() for one in found)
+    found.clear()
+    assert_close(vrte.linearize(scene, **asked).jvp(name), own, rtol=0.0, atol=1e-13 * np.abs(own).max())
+    assert found and not any(found)
 
 
 def test_very_many_terms_are_pulled_back_in_closed_form() -> None:

@@ -112,7 +112,8 @@ class ThreadTeam(NamedTuple):
 @dataclass(eq=False)
 class Run:
     """One solve's threads, stop flag (1,) and ``stages``, wall and thread seconds by name; ``brief``: it takes some
-    milliseconds, on one thread; ``kernels``: the stages' loops; ``runtime_warned``: its time was warned of already."""
+    milliseconds, on one thread; ``kernels``: the stages' loops; ``runtime_warned``: its time was warned of already; ``kept``: what its derivatives can
+    use, if it has any."""
 
     threads: int
     brief: bool = False
@@ -120,6 +121,7 @@ class Run:
     stop: IntArray = field(default_factory=lambda: np.zeros(1, np.int32))
     stages: dict[str, dict[str, float]] = field(default_factory=dict)
     runtime_warned: bool = False
+    kept: dict[Any, Any] | None = None
 
     @cached_property
     def helpers(self) -> ThreadPoolExecutor:

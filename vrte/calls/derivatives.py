@@ -211,7 +211,7 @@ def solve_with_derivatives(
     if not variations:
         return *solve_request(request, run, progress), []
     check_differentiable(request)
-    parts = 1 + len(variations)
+    parts, run.kept = 1 + len(variations), {}
     directions, solution = solve_request(request, run, share_progress(progress, 0, parts))
 
     def report(done: int, total: int) -> None:

@@ -323,6 +323,13 @@ cdef doubles solve_invariance(const Arrays* t, given_ints stop, Invariant* s) no
         parity_columns(&s.x, kind, prt, n_all, 0, n_node, scale, s.nodes[kind].phi)
         parity_columns(&s.x, kind, prt, n_all, n_node, t.n_off, NULL, s.rows[kind].phi)
     t.steps[0] = 0
+    if t.kept_missing != NULL:
+        copy(<size_t>s.n * (s.n + s.u), t.kept_R, s.R)
+        for kind in range(2):
+            renew(s.nodes[kind], s.nodes[kind], -1.0 if kind else 1.0, s.R)
+            renew(s.rows[kind], s.nodes[kind], -1.0 if kind else 1.0, s.Ru)
+        s.residual = t.kept_missing[0]
+        return memory
     begun = begin_on_half(t, s, scale, stop)
     s.residual = fixed_point(&s.x, s.nodes, s.nodes, directions, directions, s.rate, t.tolerance, t.halves, begun, s.R,
                              s.room, t.steps, stop, NULL)
@@ -334,6 +341,10 @@ cdef doubles solve_invariance(const Arrays* t, given_ints stop, Invariant* s) no
     return memory
 
 
+cdef int keep_semi_infinite_one(Arrays* t, int item, Workspace desk) noexcept nogil:
+    return reflect_semi_infinite_one(t, item, desk)
+
+
 cdef int reflect_semi_infinite_one(Arrays* t, int item, Workspace desk) noexcept nogil:
     cdef Invariant s
     cdef int kind
@@ -341,6 +352,8 @@ cdef int reflect_semi_infinite_one(Arrays* t, int item, Workspace desk) noexcept
     cdef doubles new
     solve_invariance(t, desk.stop, &s)
     t.residual[0] = s.residual
+    if t.kept_R != NULL:
+        copy(<size_t>s.n * (s.n + s.u), s.R, t.kept_R)
     # from off the nodes to off the nodes, less what is scattered once
     new = s.room
     for kind in range(2):

@@ -9,7 +9,7 @@ from vrte import _core
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.derivatives.slab_stack import ChangedOrders
-from vrte.discrete_ordinates.orders.invariance import TIGHTER, find_flux_up, list_arguments
+from vrte.discrete_ordinates.orders.invariance import TIGHTER, find_flux_up, list_arguments, recall_reflections
 from vrte.discrete_ordinates.orders.problem import Problem
 
 
@@ -21,6 +21,7 @@ def change_semi_infinite(
     shape = len(tables), orders.size, 1, problem.mu0.size, problem.columns.shape[0], problem.mu_out.size, -1
     with run.timed("derivatives") as crew:
         asked = list_arguments(problem, orders, TIGHTER * accuracy)
+        asked |= recall_reflections(run.kept, asked)
         found = _core.change_semi_infinite(crew, columns=problem.columns, changes=np.stack(tables), **asked)
     kernels = found["up"].reshape(shape)
     kernels[..., : problem.n_up, :] *= problem.flip / (2.0 * np.pi)
@@ -39,5 +40,6 @@ def pull_semi_infinite(
     derivatives with albedo times coefficients, (order, term, 6), and what the fixed points miss, (order,)."""
     with run.timed("derivatives") as crew:
         asked = list_arguments(problem, orders, TIGHTER * accuracy)
+        asked |= recall_reflections(run.kept, asked)
         found = _core.pull_semi_infinite(crew, pull_weights=np.ascontiguousarray(weights), **asked)
     return found["gradient"], found["residual"]

@@ -7,6 +7,7 @@ import numpy as np
 from vrte import _core
 from vrte.basics.arrays import Array, IntArray, record
 from vrte.basics.errors import AccuracyError
+from vrte.basics.memory import CHUNK_BYTES
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.boundary import OPEN, Top
 from vrte.discrete_ordinates.orders.problem import Problem
@@ -39,7 +40,11 @@ def reflect_semi_infinite(problem: Problem, orders: IntArray, tolerance: float, 
     n_out, n_in, n_col = problem.mu_out.size, problem.mu0.size, problem.columns.shape[0]
     with run.timed("invariance") as crew:
         asked = list_arguments(problem, orders, tolerance) | top.arguments_of(orders)
-        found = run.kernels.reflect_semi_infinite(crew, columns=problem.columns, **asked)
+        if run.kept is None or top is not OPEN or run.kernels is not _core:
+            found = run.kernels.reflect_semi_infinite(crew, columns=problem.columns, **asked)
+        else:
+            found = _core.keep_semi_infinite(crew, columns=problem.columns, **asked)
+            keep_reflections(run.kept, asked, found.pop("kept_R"), found["residual"])
     info = found.pop("info")
     if info.any():
         raise AccuracyError(f"the boundary system of order {orders[np.argmax(info != 0)]} is singular")
@@ -67,6 +72,28 @@ def list_arguments(problem: Problem, orders: IntArray, tolerance: float) -> dict
         "halves": problem.skip_flags.halves,
         "coarse": problem.skip_flags.coarse,
     }
+
+
+def keep_reflections(kept: dict[Any, Any], asked: dict[str, Any], each: Array, residual: Array) -> None:
+    """Keeps R of each order and what it misses for `recall_reflections`, as far as memory is meant for that."""
+    if (len(kept) + len(each)) * each[0].nbytes <= CHUNK_BYTES:
+        key = name_arguments(asked)
+        kept |= {(order, *key): pair for order, *pair in zip(asked["orders"].tolist(), each, residual, strict=True)}
+
+
+def recall_reflections(kept: dict[Any, Any] | None, asked: dict[str, Any]) -> dict[str, Array]:
+    """R of all orders and what it misses, as stages of derivatives read it; nothing unless all were kept."""
+    key = name_arguments(asked) if kept else ()
+    pairs = [(kept or {}).get((order, *key)) for order in asked["orders"].tolist()]
+    if any(pair is None for pair in pairs):
+        return {}
+    return {"kept_R": np.stack([R for R, _ in pairs]), "kept_missing": np.array([missing for _, missing in pairs])}
+
+
+def name_arguments(asked: dict[str, Any]) -> tuple[Any, ...]:
+    """What tells the arguments of two layers apart, their orders left out."""
+    each = (value for name, value in asked.items() if name != "orders")
+    return tuple(value.tobytes() if isinstance(value, np.ndarray) else value for value in each)
 
 
 def find_flux_up(problem: Problem, on_nodes: Array) -> Array:
