@@ -112,8 +112,8 @@ class ThreadTeam(NamedTuple):
 @dataclass(eq=False)
 class Run:
     """One solve's threads, stop flag (1,) and ``stages``, wall and thread seconds by name; ``brief``: it takes some
-    milliseconds, on one thread; ``kernels``: the stages' loops; ``runtime_warned``: its time was warned of already; ``kept``: what its derivatives can
-    use, if it has any."""
+    milliseconds, on one thread; ``kernels``: the stages' loops; ``runtime_warned``: its time was warned of already;
+    ``kept``: what its derivatives can use, if it has any."""
 
     threads: int
     brief: bool = False

@@ -1,12 +1,11 @@
 """What a variation changes of a discrete problem: its truncated layers, the pieces they are cut into, its beams."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
-from vrte.basics.arrays import Array, record
+from vrte.basics.arrays import Array, record, replace_unchecked
 from vrte.basics.differences import STEP, sample_around
 from vrte.basics.errors import SceneError
 from vrte.discrete_ordinates.orders.beam_paths import BeamPaths
@@ -202,7 +201,7 @@ def move_media(media: Media, samples: Sequence[tuple[float, Scene]]) -> Moved:
 def move_problem(problem: Problem, media: Media) -> Problem:
     """A problem in other media."""
     nodes, weights = media.nodes.carried(max(media.scene.media))
-    return replace(problem, media=media, nodes=nodes, weights=weights)
+    return replace_unchecked(problem, media=media, nodes=nodes, weights=weights)
 
 
 def change_pieces(beam_paths: BeamPaths, variation: Variation, layers: tuple[LayerChange, ...]) -> Array:
@@ -234,4 +233,4 @@ def find_albedo(beam_paths: BeamPaths) -> Array:
 def stretch_pieces(cut: Cut, pieces: Array) -> Cut:
     """The pieces with what changes of them, pieces (several, piece), as an imaginary part."""
     finite = np.where(np.isinf(cut.thickness), FAR, cut.thickness)
-    return replace(cut, thickness=finite[:, None] + 1j * IMAGINARY * pieces.T)
+    return replace_unchecked(cut, thickness=finite[:, None] + 1j * IMAGINARY * pieces.T)

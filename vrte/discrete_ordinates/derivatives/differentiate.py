@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from vrte.basics.arrays import Array, IntArray
+from vrte.basics.arrays import Array, IntArray, replace_unchecked
 from vrte.basics.errors import SceneError
 from vrte.basics.quadrature import make_refracted_nodes
 from vrte.basics.running import Progress, Run
@@ -163,8 +163,8 @@ def is_mixing_stokes(problem: Problem, scene: Scene, variation: Variation) -> bo
     moved = here.copy()
     for own, table in zip(moved, variation.coefficients, strict=True):
         own[: len(table)] += np.abs(table)
-    changed = replace(problem, coefficients=moved, albedo=problem.albedo + np.abs(variation.albedo))
-    return list_stokes_sets(changed) != list_stokes_sets(replace(problem, coefficients=here))
+    changed = replace_unchecked(problem, coefficients=moved, albedo=problem.albedo + np.abs(variation.albedo))
+    return list_stokes_sets(changed) != list_stokes_sets(replace_unchecked(problem, coefficients=here))
 
 
 def is_longer(plan: Plan, variation: Variation) -> bool:
@@ -261,7 +261,7 @@ class Routes:
                 self.media[key] = whole.media
             elif key not in self.media:
                 self.media[key] = put_block_in_media(self.plan, block)
-            own = replace(own, media=self.media[key])
+            own = replace_unchecked(own, media=self.media[key])
         return Differentiating(own, block.base, last + 1, self.plan.accuracy, self.find_changes(own)[1])
 
     def find_changes(self, problem: Problem) -> tuple[BeamPaths, list[tuple[Change, Array | None]]]:
@@ -269,7 +269,7 @@ class Routes:
         sources of all pieces and of the base."""
         assert problem.media is not None
         if problem.media not in self.known:
-            whole = replace(problem, stokes=ALL, columns=self.problem.columns)
+            whole = replace_unchecked(problem, stokes=ALL, columns=self.problem.columns)
             beam_paths = BeamPaths(whole, BLACK, 1, 1.0)
             sources = list_all_sources(beam_paths)
             given = self.plan.request.scene, self.variations, self.carried, sources
@@ -310,7 +310,7 @@ def differentiate_block(
 def add_up_all(routes: Routes, lights: list[list[Light]], run: Run) -> list[list[Array]]:
     """For each variation its orders and what is scattered once, as the parts that are wanted."""
     target, (beam_paths, known) = (
-        replace(make_target(routes.plan), problem=routes.problem),
+        replace_unchecked(make_target(routes.plan), problem=routes.problem),
         routes.find_changes(routes.problem),
     )
     wanted, problem, media, sights = target.wanted, routes.problem, beam_paths.media, beam_paths.sights
@@ -326,7 +326,7 @@ def add_up_all(routes: Routes, lights: list[list[Light]], run: Run) -> list[list
         for vertex in once.differentiate(*change):
             scattered.setdefault(vertex.scatter, []).append((k, vertex))
         for weight, moved in change[0].moved:
-            one = move_problem(replace(problem, stokes=ALL), moved)
+            one = move_problem(replace_unchecked(problem, stokes=ALL), moved)
             own_sights, vertices = list_vertices(one, moved.scene.below, target.azimuths, run)
             for part in parts[-1]:
                 given = own_sights, vertices, problem.n_up, part.levels, part.rows, 0, wanted.scale.size
@@ -359,7 +359,7 @@ def put_in_media(plan: Plan) -> Problem:
         return problem
     nodes = make_refracted_nodes(request.scene.media, problem.nodes.size, problem.grading, request.scene.indices)
     depths = locate_depths(request.scene, request.tau, find_under(request))
-    return replace(problem, media=Media(request.scene, nodes, depths))
+    return replace_unchecked(problem, media=Media(request.scene, nodes, depths))
 
 
 def put_block_in_media(plan: Plan, block: Block) -> Media:
@@ -385,7 +385,7 @@ def change_peak_fluxes(routes: Routes) -> Array:
         return found
     plain = beam_paths.media.scene.layers
     stretch = np.array([1.0 - f * layer.albedo for f, layer in zip(problem.fraction, plain, strict=True)])
-    true = replace(
+    true = replace_unchecked(
         problem,
         thickness=np.array([layer.thickness for layer in plain]),
         fraction=np.zeros(len(plain)),

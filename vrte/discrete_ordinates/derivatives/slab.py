@@ -22,13 +22,12 @@ All arrays have Fourier orders in front; where modes oscillate, they are complex
 """
 
 from copy import copy
-from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from vrte.basics.arrays import Array, IntArray, record
+from vrte.basics.arrays import Array, IntArray, record, replace_unchecked
 from vrte.discrete_ordinates.derivatives.functions import Decay
 
 APART = 7e-4  # relative distance of an eigenvalue to a direction's rate below which interpolation replaces it
@@ -83,10 +82,12 @@ class Aside:
 
     def turn(self, ratio: Array) -> "Aside":
         """Those of directions whose rates are these, times a ratio (direction,)."""
-        return replace(self, rate=self.rate * ratio[self.of])
+        return replace_unchecked(self, rate=self.rate * ratio[self.of])
 
     def deal(self, values: Array) -> Array:
         """Values (count, r) of directions dealt out, (k, r)."""
+        if self.of.size == len(values):
+            return values
         return values[self.of] * self.share[:, None]
 
     def gather(self, values: Array, count: int) -> Array:
@@ -102,6 +103,10 @@ class Aside:
 def step_aside(mu: Array, lam: Array, stokes: int, thickness: float = 0.0) -> Aside:
     """The rates 1/mu of directions (d,) of a slab, each for its Stokes parameters, or six around those near a mode's:
     the thicker, the closer, where light of that rate is not lost beside the slowest."""
+    if (measure_gaps(1.0 / mu, lam) >= APART).all():
+        return Aside(
+            np.repeat(1.0 / mu, stokes), np.ones(stokes * mu.size), np.arange(stokes * mu.size, dtype=np.int32)
+        )
     points, shares = [], []
     slowest = float(np.sqrt(lam).real.min())
     for own, difference in zip((1.0 / mu).tolist(), measure_gaps(1.0 / mu, lam).tolist(), strict=True):

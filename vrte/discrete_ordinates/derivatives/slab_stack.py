@@ -3,11 +3,10 @@ fields of the transposed stack, and tell what the light counts for that a change
 
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 
 import numpy as np
 
-from vrte.basics.arrays import Array, IntArray, record
+from vrte.basics.arrays import Array, IntArray, record, replace_unchecked
 from vrte.basics.errors import AccuracyError
 from vrte.basics.memory import count_orders_at_once
 from vrte.basics.running import Run
@@ -180,7 +179,7 @@ class Differentiating(Refracting):
             medium = self.media.scene.indices[k]
             one = next(one.problem for one in self.each if one.index == medium)
             table = np.ascontiguousarray(layer.scattering[None, : last + 1])
-            own = replace(one, coefficients=table, terms=np.array([last + 1], np.int32), albedo=np.ones(1))
+            own = replace_unchecked(one, coefficients=table, terms=np.array([last + 1], np.int32), albedo=np.ones(1))
             matrices = assemble(own, some, run)
             diagonal = np.arange(own.size)
             rates = np.zeros((own.size, own.size))
@@ -463,7 +462,7 @@ class Fields:
             one, others = medium.problem, [stack.each[number] for _, stack in moved]
             total: dict[str, Array] = {}
             for (weight, _), other in zip(moved, others, strict=True):
-                own = replace(one, nodes=other.problem.nodes, weights=other.problem.weights)
+                own = replace_unchecked(one, nodes=other.problem.nodes, weights=other.problem.weights)
                 for name, part in vars(assemble(own, self.orders, run)).items():
                     total[name] = total.get(name, 0.0) + weight * part
             materials = {piece.layer: piece.material for piece in route.pieces if piece.medium == number}
@@ -471,7 +470,7 @@ class Fields:
                 known, more = turned.get(layer), take_blocks(one, Assembled(**total), slice(None), material)
                 turned[layer] = more if known is None else (more[0].add(known[0]), more[1].add(known[1]))
             for slabs, other in zip(found, others, strict=True):
-                beside = replace(other.problem, nodes=one.nodes, weights=one.weights)
+                beside = replace_unchecked(other.problem, nodes=one.nodes, weights=one.weights)
                 slabs.append((other, self.respond(number, run, beside)))
         return found
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vrte.basics.arrays import Array, IntArray
+from vrte.basics.arrays import Array, IntArray, replace_unchecked
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.base import Base, EvenBases, expand_base
 from vrte.discrete_ordinates.orders.media import (
@@ -93,7 +93,7 @@ class BeamPaths:
         the normal, and no light does)."""
         nodes, weights = self.media.nodes.carried(index)
         into, out = self.into[place], self.sights.cosines[place]
-        return replace(
+        return replace_unchecked(
             self.problem,
             nodes=nodes,
             weights=weights,

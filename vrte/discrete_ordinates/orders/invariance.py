@@ -78,7 +78,8 @@ def keep_reflections(kept: dict[Any, Any], asked: dict[str, Any], each: Array, r
     """Keeps R of each order and what it misses for `recall_reflections`, as far as memory is meant for that."""
     if (len(kept) + len(each)) * each[0].nbytes <= CHUNK_BYTES:
         key = name_arguments(asked)
-        kept |= {(order, *key): pair for order, *pair in zip(asked["orders"].tolist(), each, residual, strict=True)}
+        for order, *found in zip(asked["orders"].tolist(), each, residual, strict=True):
+            kept[order, *key] = found
 
 
 def recall_reflections(kept: dict[Any, Any] | None, asked: dict[str, Any]) -> dict[str, Array]:

@@ -5,12 +5,11 @@ both are the same on either side of an interface, which then only shares out wha
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from vrte import _core
-from vrte.basics.arrays import Array, IntArray, record
+from vrte.basics.arrays import Array, IntArray, record, replace_unchecked
 from vrte.basics.errors import AccuracyError
 from vrte.basics.memory import count_orders_at_once
 from vrte.basics.running import Run
@@ -90,7 +89,7 @@ class Refracting(BeamPaths):
         found = []
         for index in sorted(set(indices)):
             layers = [k for k, own in enumerate(indices) if own == index]
-            one = select_materials(replace(self.of_medium(index, 1 + layers[0]), media=self.media), layers)
+            one = select_materials(replace_unchecked(self.of_medium(index, 1 + layers[0]), media=self.media), layers)
             materials, kinds = find_materials(one)
             keys: dict[tuple[int, float], int] = {}
             pieces = np.flatnonzero(np.isin(self.cut.layer, layers)).astype(np.int32)
