@@ -85,10 +85,11 @@ def keep_reflections(kept: dict[Any, Any], asked: dict[str, Any], each: Array, r
 def recall_reflections(kept: dict[Any, Any] | None, asked: dict[str, Any]) -> dict[str, Array]:
     """R of all orders and what it misses, as stages of derivatives read it; nothing unless all were kept."""
     key = name_arguments(asked) if kept else ()
-    pairs = [(kept or {}).get((order, *key)) for order in asked["orders"].tolist()]
-    if any(pair is None for pair in pairs):
+    each = [(order, *key) for order in asked["orders"].tolist()]
+    if kept is None or not all(one in kept for one in each):
         return {}
-    return {"kept_R": np.stack([R for R, _ in pairs]), "kept_missing": np.array([missing for _, missing in pairs])}
+    R, missing = zip(*(kept[one] for one in each), strict=True)
+    return {"kept_R": np.stack(R), "kept_missing": np.array(missing)}
 
 
 def name_arguments(asked: dict[str, Any]) -> tuple[Any, ...]:
