@@ -1,6 +1,10 @@
 # Rough surfaces: Fourier orders of what facets of random slopes reflect or let through, a pair of directions at a time
 # (vrte/optics/facets.py has the same in closed form, azimuth by azimuth).
 
+cdef extern from "core/surfaces.h":
+    double vrte_smith(double alpha, bint is_ggx, double mu) noexcept nogil
+    vrte_complex vrte_fresnel(vrte_complex m, double c, vrte_complex* p, vrte_complex* s) noexcept nogil
+
 cdef enum:
     AZIMUTHS = 128      # of one product of matrices
 
@@ -18,18 +22,8 @@ cdef inline double steep_of(const Arrays* f) noexcept nogil:
     return f.roughness * f.roughness
 
 
-cdef double shade(const Arrays* f, double mu, double sine) noexcept nogil:
-    """The share of facets turned towards a direction which others do not hide, after Smith."""
-    cdef double slope, hidden
-    if sine == 0.0:
-        return 1.0
-    slope = mu / (sqrt(steep_of(f)) * sine)
-    if f.is_ggx:
-        hidden = 0.5 / (slope * slope * (1.0 + sqrt(1.0 + 1.0 / (slope * slope))))
-    else:
-        slope = min(slope, 30.0)
-        hidden = 0.5 * (exp(-slope * slope) / (slope * sqrt(PI)) - erfc(slope))
-    return 1.0 / (1.0 + hidden)
+cdef inline double shade(const Arrays* f, double mu) noexcept nogil:
+    return vrte_smith(f.roughness, f.is_ggx, mu)
 
 
 cdef int facet_orders_one(Arrays* f, int item, Workspace desk) noexcept nogil:
@@ -48,7 +42,7 @@ cdef int facet_orders_one(Arrays* f, int item, Workspace desk) noexcept nogil:
     p.between = (mu_o - mu_i) * (mu_o + mu_i) / sum_of_sines if sum_of_sines > 0.0 else 0.0
     p.common = 1.0 / (PI * steep_of(f) * mu_i * mu_o)
     if f.shadowing:
-        lit, seen = shade(f, mu_i, p.sine_i), shade(f, mu_o, p.sine_o)
+        lit, seen = shade(f, mu_i), shade(f, mu_o)
         p.common *= lit * seen if f.shadowing == 1 else min(lit, seen)
     last = PI
     if f.transmitted:
@@ -241,27 +235,16 @@ cdef void turn_elements(double a, double b, double re, double im, double a_i, do
 
 cdef void reflect_flat(cplx m, double c, cplx* p, cplx* s) noexcept nogil:
     """Fresnel's r_p, r_s of a flat surface of relative index m where c is the cosine of incidence."""
-    # n c of what gets in, from n^2 - sin^2 as fresnel.py has it
-    cdef cplx inside = times(m - 1.0, m + 1.0) + c * c, low = times(m, m)
-    cdef double root
-    if inside.imag == 0.0 and inside.real >= 0.0:
-        root = sqrt(inside.real)
-        s[0] = make((c - root) / (c + root), 0.0)
-        p[0] = make((low.real * c - root) / (low.real * c + root), 0.0)
-        return
-    inside = c_sqrt(inside)
-    if inside.imag < 0.0:
-        inside = make(-inside.real, -inside.imag)
-    s[0] = over(make(c - inside.real, -inside.imag), make(c + inside.real, inside.imag))
-    p[0] = over(make(low.real * c - inside.real, low.imag * c - inside.imag),
-                make(low.real * c + inside.real, low.imag * c + inside.imag))
+    cdef vrte_complex r_p, r_s
+    vrte_fresnel(pair(m), c, &r_p, &r_s)
+    p[0], s[0] = of_pair(r_p), of_pair(r_s)
 
 
 cdef int facet_shares_one(Arrays* f, int item, Workspace desk) noexcept nogil:
     """The integral over the angle of incidence on facets in pieces, each by Gauss's rule in what makes roots at both
     ends smooth."""
     cdef double mu = f.mu_i[0], sine = sqrt((1.0 - mu) * (1.0 + mu)), start, size, x, weight
-    cdef double lit = shade(f, mu, sine) if f.shadowing else 1.0
+    cdef double lit = shade(f, mu) if f.shadowing else 1.0
     cdef doubles edges = f.edges
     cdef int k, j
     set_zero(6, f.shares)
@@ -323,14 +306,14 @@ cdef void facets_around(const Arrays* f, double mu, double sine, double lit, dou
             w = weight * f.point_weights[j] * (end - start) / (h * h * h * h)
             w *= exp(-tilt) if not f.is_ggx else 1.0 / ((1.0 + tilt) * (1.0 + tilt))
             mu_o = min(2.0 * c * h - mu, 1.0)
-            up = 0.0 if mu_o <= 0.0 else shade(f, mu_o, sqrt((1.0 - mu_o) * (1.0 + mu_o))) if f.shadowing else 1.0
+            up = 0.0 if mu_o <= 0.0 else shade(f, mu_o) if f.shadowing else 1.0
             through = 1.0
             if not total:
                 mu_o = min((mu + bent * h) / n, 1.0)
                 if mu_o <= 0.0:
                     through = 0.0
                 elif f.hiding:
-                    through = shade(f, mu_o, sqrt((1.0 - mu_o) * (1.0 + mu_o)))
+                    through = shade(f, mu_o)
                     if f.hiding == 2:
                         through = min(through, lit) / lit
             out[0] += w * flat * up

@@ -2,6 +2,8 @@
    Mueller matrix m from the incident light to theirs, incident columns last. Chances are those of unpolarized incident
    light: its I stays as it is. Everything is a vector in space, z up; no meridian plane before light is counted. */
 
+#include "surfaces.h"
+
 typedef unsigned long long vrte_bits;
 typedef struct {
     double w[3], l[3], m[4][4], depth, path;
@@ -199,28 +201,16 @@ static void photon_scatter(const vrte_arrays* t, vrte_photon* p) {
     photon_deflect(p, f, gap, c, sn, 1.0 / more);
 }
 
-/* Fresnel's amplitudes of a flat surface, relative index n + i k, at a cosine c: what they do to reflected light, a, b,
-   re, im of photon_act; n c of what gets in where it is real, else 0. */
+/* A flat surface, relative index n + i k, at a cosine c: what it does to reflected light, a, b, re, im of photon_act;
+   n c of what gets in where it is real, else 0. */
 static double photon_fresnel(double n, double k, double c, double* reflected) {
-    double square = (n - 1.0) * (n + 1.0) - k * k + c * c, twice = 2.0 * n * k, x, y, real = 0.0;
-    if (twice == 0.0 && square >= 0.0)
-        x = real = sqrt(square), y = 0.0;
-    else {
-        double size = sqrt(square * square + twice * twice);
-        y = sqrt(fmax(0.5 * (size - square), 0.0));
-        x = y > 0.0 ? 0.5 * twice / y : sqrt(size);
-    }
-    /* s = (c - root)/(c + root), p = (m^2 c - root)/(m^2 c + root) */
-    double mr = ((n - k) * (n + k)) * c, mi = twice * c;
-    double ds = (c + x) * (c + x) + y * y, dp = (mr + x) * (mr + x) + (mi + y) * (mi + y);
-    double sr = ((c - x) * (c + x) - y * y) / ds, si = (-y * (c + x) - y * (c - x)) / ds;
-    double pr = ((mr - x) * (mr + x) + (mi - y) * (mi + y)) / dp, pi = ((mi - y) * (mr + x) - (mr - x) * (mi + y)) / dp;
-    double rs = sr * sr + si * si, rp = pr * pr + pi * pi;
+    vrte_complex p, s, inside = vrte_fresnel(vrte_pair(n, k), c, &p, &s);
+    double rp = p.x * p.x + p.y * p.y, rs = s.x * s.x + s.y * s.y;
     reflected[0] = 0.5 * (rp + rs);
     reflected[1] = 0.5 * (rp - rs);
-    reflected[2] = pr * sr + pi * si;
-    reflected[3] = pi * sr - pr * si;
-    return real;
+    reflected[2] = p.x * s.x + p.y * s.y;
+    reflected[3] = p.y * s.x - p.x * s.y;
+    return inside.y == 0.0 ? inside.x : 0.0;
 }
 
 /* Refers light to the plane that it and the normal h make; the cosine of incidence, and s across that plane. */
@@ -269,16 +259,6 @@ static int photon_meet_flat(vrte_photon* p, const double* h, double n, double k,
         p->w[j] /= sqrt(size);
     photon_cross(p->w, across, p->l);
     return 0;
-}
-
-/* The share of facets turned towards a direction that others do not hide, after Smith. */
-static double photon_smith(double alpha, int is_ggx, double mu) {
-    double sine = sqrt(fmax((1.0 - mu) * (1.0 + mu), 1e-40)), slope = mu / (alpha * sine), hidden;
-    if (is_ggx)
-        hidden = 0.5 * (sqrt(1.0 + 1.0 / (slope * slope)) - 1.0);
-    else
-        hidden = slope > 10.0 ? 0.0 : 0.5 * (exp(-slope * slope) / (slope * 1.7724538509055160273) - erfc(slope));
-    return 1.0 / (1.0 + hidden);
 }
 
 /* The normal h of a facet as the photon sees them: by the area that each turns to it. GGX: Heitz, JCGT 7 (2018). */
@@ -349,7 +329,7 @@ static int photon_meet_rough(const vrte_arrays* t, vrte_photon* p, int k, double
     const double* of = t->surface_numbers + 8 * k;
     int is_ggx = of[3] != 0.0, shadowing = of[4] != 0.0, conserving = of[5] != 0.0, from_below = p->w[2] > 0.0;
     int is_closed = t->surface_kind[k] == VRTE_ROUGH_BASE, went = 1;
-    double h[3], w[3], seen = photon_smith(of[2], is_ggx, fabs(p->w[2])), kept = 1.0;
+    double h[3], w[3], seen = vrte_smith(of[2], is_ggx, fabs(p->w[2])), kept = 1.0;
     photon_meet_facets(p, of[2], is_ggx, h);
     p->is_beam = 0;
     if (is_closed) {
@@ -363,7 +343,7 @@ static int photon_meet_rough(const vrte_arrays* t, vrte_photon* p, int k, double
     if ((w[2] > 0.0) == (went ? from_below : !from_below) || w[2] == 0.0)
         kept = 0.0;
     else if (shadowing) {
-        kept = photon_smith(of[2], is_ggx, fabs(w[2]));
+        kept = vrte_smith(of[2], is_ggx, fabs(w[2]));
         if (!went && conserving)
             kept = fmin(kept, seen) / seen;
     }
