@@ -123,6 +123,15 @@ def test_orders_on_nodes_lose_nothing_and_are_reciprocal(host: float) -> None:
         assert_close(back[:, :, 1].swapaxes(1, 2), found[:, : mu.size, 1], rtol=0.0, atol=1e-15)
 
 
+@pytest.mark.parametrize("first", [1, 4, 9])
+def test_orders_in_blocks_are_those_of_all(first: int) -> None:
+    """To the rounding of cos(m phi) by recurrence; an odd first order has the other parity."""
+    nodes, directions = make_panel_nodes(1.5), np.array([0.33])
+    every = gather_flake_orders(METAL, nodes, directions, first + 3, 1e-8)
+    some = gather_flake_orders(METAL, nodes, directions, 3, 1e-8, 1, first)
+    assert_close(some, every[first:], rtol=0.0, atol=1e-9 * np.abs(every).max())
+
+
 @pytest.mark.parametrize("host", [1.0, 1.5])
 def test_light_is_scattered_into_the_polynomials_of_nodes(host: float) -> None:
     """A plain integral over the cosine in thousands of steps, 2e-6 off at the kink, of single pairs of directions."""

@@ -20,7 +20,8 @@ import numpy as np
 
 from cython.parallel cimport prange, threadid
 from libc.math cimport (
-    INFINITY, M_PI as PI, acos, asin, atan, cbrt, cos, erfc, exp, expm1, fabs, fmax, hypot, sin, sqrt, tan, tanh)
+    INFINITY, M_PI as PI, acos, asin, atan, atan2, cbrt, cos, erfc, exp, expm1, fabs, fmax, hypot, sin, sqrt, tan,
+    tanh)
 from libc.string cimport memcpy, memset
 from scipy.linalg.cython_blas cimport ddot, dgemm, dgemv, idamax
 from scipy.linalg.cython_lapack cimport dgeevx, dgetrf, dgetri, dgetrs, dsyevd

@@ -146,6 +146,7 @@ cdef void facet_piece(const Arrays* f, const Pair* p, double start, double end, 
 cdef void add_samples(const Arrays* f, int* count) noexcept nogil:
     """sums += f cos(m phi), f sin(m phi), and begins anew."""
     cdef int m, k, n = count[0]
+    cdef double angle
     cdef given c = f.turn, s = f.turn + AZIMUTHS
     cdef doubles cosine = f.multiples, sine = f.multiples + <size_t>f.n_order * AZIMUTHS
     count[0] = 0
@@ -153,6 +154,9 @@ cdef void add_samples(const Arrays* f, int* count) noexcept nogil:
         return
     for k in range(n):
         cosine[k], sine[k] = 1.0, 0.0
+        if f.first_order > 0:
+            angle = f.first_order * atan2(s[k], c[k])
+            cosine[k], sine[k] = cos(angle), sin(angle)
     for m in range(1, f.n_order):
         for k in range(n):
             cosine[AZIMUTHS + k] = cosine[k] * c[k] - sine[k] * s[k]

@@ -22,7 +22,7 @@ cdef int flake_orders_one(Arrays* f, int item, Workspace desk) noexcept nogil:
     if g.vertical == 0.0:
         return 0
     least = g.across / g.vertical
-    longest = <double>f.n_point / max(1, f.n_order - 1)
+    longest = <double>f.n_point / max(1, f.first_order + f.n_order - 1)
     for edge in range(1, f.n_edge):
         slope = tan(f.edges[edge])
         slope = (slope * slope - least) * g.vertical

@@ -31,11 +31,17 @@ MIRRORED = np.array([1.0, 1.0, -1.0, -1.0])  # and in a horizontal mirror
 
 
 def gather_flake_orders(
-    flakes: Flakes, nodes: RefractedNodes, directions: Array, n_order: int, accuracy: float, threads: int = 1
+    flakes: Flakes,
+    nodes: RefractedNodes,
+    directions: Array,
+    n_order: int,
+    accuracy: float,
+    threads: int = 1,
+    first_order: int = 0,
 ) -> Array:
-    """C^m [per unit of area] from downward directions (d,), the nodes of the flakes' medium and then those of positive
-    cosines ``directions``, into its nodes: (order, d, 2, node, 4, 4), down (SAME) and up (OPPOSITE), the integral of Z
-    with cos, sin(m phi) as in (1:6), public frame.
+    """C^m [per unit of area], n_order of them from a first one on, from downward directions (d,), the nodes of the
+    flakes' medium and then those of positive cosines ``directions``, into its nodes: (order, d, 2, node, 4, 4), down
+    (SAME) and up (OPPOSITE), the integral of Z with cos, sin(m phi) as in (1:6), public frame.
 
     Between nodes it is reciprocal to the last digit, and without loss where flakes reflect everything: the sum over
     weights of C^0_00 is G to rounding.
@@ -57,21 +63,21 @@ def gather_flake_orders(
                 depth, rate = panel.spread(x)
                 mu = find_cosines(index, panel, depth)
                 orders = integrate_azimuths(
-                    flakes, -mu if way == SAME else mu, -mu_from[some][start], n_order, accuracy, threads
+                    flakes, -mu if way == SAME else mu, -mu_from[some][start], n_order, accuracy, threads, first_order
                 )
                 even = (share * rate / (index * index * mu))[:, None] * interpolate_nodes(x_node, x) / weight[own]
                 sine, sine_node = (np.sqrt((1.0 - each) * (1.0 + each)) for each in (mu, mu_node[own]))
                 odd = even * (sine[:, None] / sine_node)
                 bounds = np.searchsorted(start, np.arange(kinks.size + 1))
                 for d, (low, high) in enumerate(itertools.pairwise(bounds), first):
-                    for parity, basis in ((0, even), (1, odd)):
+                    for parity, basis in ((first_order % 2, even), (1 - first_order % 2, odd)):
                         summed = np.tensordot(basis[low:high], orders[low:high, parity::2], (0, 0))
                         found[parity::2, d, way, own] = summed.reshape(*summed.shape[:2], 4, 4).swapaxes(0, 1)
     between = found[:, : mu_node.size]
     for way, turned in ((SAME, TURNED * MIRRORED), (OPPOSITE, TURNED)):
         part = between[:, :, way]
         part[...] = 0.5 * (part + turned[:, None] * part.transpose(0, 2, 1, 4, 3) * turned)
-    if flakes.is_conserving:
+    if flakes.is_conserving and first_order == 0:
         missing = flakes.extinguish(mu_node)[:, 0, 0] - np.einsum("dsj,j->d", between[0, :, :, :, 0, 0], weight)
         here = np.arange(mu_node.size)
         between[0, here, SAME, here, 0, 0] += missing / weight
@@ -98,7 +104,13 @@ def spread_points(edges: Array, kinks: Array, points: int) -> tuple[Array, Array
 
 
 def integrate_azimuths(
-    flakes: Flakes, mu_out: Array, mu_in: Array, n_order: int, accuracy: float, threads: int = 1
+    flakes: Flakes,
+    mu_out: Array,
+    mu_in: Array,
+    n_order: int,
+    accuracy: float,
+    threads: int = 1,
+    first_order: int = 0,
 ) -> Array:
     """C^m of a unit of area for pairs of signed cosines (pair,), (pair, order, 16): the integral of Z with cos, sin(m
     phi), as in (1:6)."""
@@ -111,6 +123,7 @@ def integrate_azimuths(
     return _core.flake_orders(
         ThreadTeam(threads, np.zeros(threads), np.zeros(1, np.int32)),
         n_order=n_order,
+        first_order=first_order,
         index=index.real,
         absorption=index.imag,
         mirror=flakes.mirror,

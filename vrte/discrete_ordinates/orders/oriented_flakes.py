@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vrte.basics.arrays import Array, IntArray, Remembered
+from vrte.basics.arrays import LARGEST_SHARE, MOST_BYTES, Array, IntArray, Remembered
+from vrte.basics.memory import BYTES
 from vrte.basics.polarization import FLIP
 from vrte.basics.quadrature import RefractedNodes
 from vrte.optics.flake_orders import gather_flake_orders
@@ -27,12 +28,14 @@ if TYPE_CHECKING:
 
 
 def expand_flakes(
-    flakes: Flakes, nodes: RefractedNodes, out: Array, into: Array, n_order: int, threads: int
+    flakes: Flakes, nodes: RefractedNodes, out: Array, into: Array, n_order: int, threads: int, first_order: int = 0
 ) -> tuple[Array, Array]:
-    """4 pi Z^m of a unit of flake area, let through and reflected, in the flipped frame: from the nodes of the flakes'
-    medium to these and to cosines ``out`` there, (2, order, N + n_out, N, 4, 4), and from cosines ``into`` to the
-    nodes, (2, order, N, n_in, 4, 4). To directions off the nodes by reciprocity, Z_12 = Q Z_21^T Q."""
-    found = 2.0 * gather_flake_orders(flakes, nodes, np.concatenate([out, into]), n_order, ACCURACY, threads)
+    """4 pi Z^m of a unit of flake area, n_order of them from a first one on, let through and reflected, in the flipped
+    frame: from the nodes of the flakes' medium to these and to cosines ``out`` there, (2, order, N + n_out, N, 4, 4),
+    and from cosines ``into`` to the nodes, (2, order, N, n_in, 4, 4). To directions off the nodes by reciprocity, Z_12
+    = Q Z_21^T Q."""
+    along = np.concatenate([out, into])
+    found = 2.0 * gather_flake_orders(flakes, nodes, along, n_order, ACCURACY, threads, first_order)
     found = found.transpose(2, 0, 3, 1, 4, 5)  # (way, order, node, direction, 4, 4)
     found[1] *= FLIP[:, None]
     last, end = found.shape[2], found.shape[2] + out.size
@@ -46,13 +49,17 @@ def add_flakes(problem: "Problem", matrices: "Assembled", orders: IntArray, thre
     for k, one in enumerate(problem.oriented):
         if one is None:
             continue
-        of_nodes, of_beams, flux = find_orders(problem, one, threads)
+        step, first, flux = count_orders_together(problem), -1, find_flux(problem, one)
         for row, order in enumerate(orders.tolist()):
+            if order // step * step != first:
+                first = order // step * step
+                of_nodes, of_beams = find_orders(problem, one, first, step, threads)
             for E, G, source, sign in (
                 (matrices.E, matrices.G_E, matrices.source_d, 1.0),
                 (matrices.F, matrices.G_F, matrices.source_s, -1.0),
             ):
-                parts = [0.5 * one.area * (part[0, order] + sign * part[1, order]) for part in (of_nodes, of_beams)]
+                own = order - first
+                parts = [0.5 * one.area * (part[0, own] + sign * part[1, own]) for part in (of_nodes, of_beams)]
                 blocks, lit = (part[..., members, :][..., members] for part in parts)
                 found = scale_on_nodes(problem, blocks, lit)
                 if order == 0 and sign > 0.0 and problem.conserves:
@@ -105,19 +112,27 @@ def find_largest_albedo(one: Oriented, scattered: float) -> float:
     return min(max(float(share.max()), LEAST), MOST)
 
 
-def find_orders(problem: "Problem", one: Oriented, threads: int) -> tuple[Array, ...]:
-    """`expand_flakes` of all orders, and `Flakes.scatter_flux`, for the directions of a problem in one of its media.
-    They are remembered: neither how many flakes there are nor what else the scene has matters for them."""
-    media, out, into, count = problem.media, problem.mu_out, problem.mu0, problem.coefficients.shape[1]
+def count_orders_together(problem: "Problem") -> int:
+    """How many Fourier orders of flakes are made at a time, and remembered."""
+    each = 32 * BYTES * problem.nodes.size * problem.directions.size
+    return max(1, min(problem.coefficients.shape[1], int(LARGEST_SHARE * MOST_BYTES / each)))
+
+
+def find_orders(problem: "Problem", one: Oriented, first: int, count: int, threads: int) -> tuple[Array, ...]:
+    """`expand_flakes` of ``count`` orders from a first one on, or those that are left, for the directions of a problem
+    in one of its media. They are remembered: neither how many flakes there are nor what else the scene has matters."""
+    media, out, into = problem.media, problem.mu_out, problem.mu0
     assert media is not None
-    nodes = media.nodes
-
-    def find() -> tuple[Array, ...]:
-        flux = one.flakes.scatter_flux(problem.directions)
-        return *expand_flakes(one.flakes, nodes, out, into, count, threads), flux
-
+    nodes, some = media.nodes, min(count, problem.coefficients.shape[1] - first)
     placed = tuple(part.tobytes() for part in (nodes.highest, nodes.depth, nodes.measure, out, into))
-    return _EXPANDED.find((one.flakes, nodes.panels, placed, count), find)
+    key = one.flakes, nodes.panels, placed, first, some
+    return _EXPANDED.find(key, lambda: expand_flakes(one.flakes, nodes, out, into, some, threads, first))
+
+
+def find_flux(problem: "Problem", one: Oriented) -> Array:
+    """`Flakes.scatter_flux` for the directions of a problem, remembered likewise."""
+    along = problem.directions
+    return _EXPANDED.find((one.flakes, along.tobytes()), lambda: (one.flakes.scatter_flux(along),))[0]
 
 
 def lay_out(blocks: Array) -> Array:

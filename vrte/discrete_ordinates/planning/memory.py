@@ -2,7 +2,9 @@
 
 from collections.abc import Sequence
 
+from vrte.basics.arrays import MOST_BYTES
 from vrte.basics.memory import BYTES, PIECE_BYTES, TILE_DOUBLES, check_bytes, count_orders_at_once
+from vrte.discrete_ordinates.orders.oriented_flakes import count_orders_together
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.routes import ROUTES
 from vrte.discrete_ordinates.orders.single_interface import is_under_one_surface
@@ -31,9 +33,11 @@ def count_doubles_needed(
 
 
 def count_doubles_of_flakes(problem: Problem) -> float:
-    """Doubles of the Fourier matrices of all orders, for each kind of flakes, as they are made."""
-    kinds = {id(one.flakes) for one in problem.oriented if one is not None}
-    return len(kinds) * 3.0 * 2.0 * 16.0 * problem.coefficients.shape[1] * problem.directions.size * problem.nodes.size
+    """Doubles of the Fourier matrices of flakes as they are made, some orders at a time, and of those remembered."""
+    if not any(problem.oriented):
+        return 0.0
+    made = 3.0 * 2.0 * 16.0 * count_orders_together(problem) * problem.directions.size * problem.nodes.size
+    return made + MOST_BYTES / BYTES
 
 
 def count_doubles_of_kernels(block: Block) -> float:
