@@ -1,6 +1,7 @@
 """What every solve says of its light: what goes out and what is absorbed against what falls in."""
 
 import dataclasses
+import pickle
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -207,3 +208,14 @@ def test_bases_and_methods_that_make_or_lose_light_are_named() -> None:
     (note,) = vrte.brdf(scene, MU, 0.5, method="single-scattering").diagnostics["notes"]
     assert note.endswith("is lost where nothing absorbs: method 'single-scattering' does not conserve it")
     assert "notes" not in vrte.brdf(scene, MU, 0.5, method="two-stream").diagnostics
+
+
+def test_notes_are_made_when_they_are_read() -> None:
+    """Of a field and a BRDF; a pickle has them."""
+    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)], vrte.Lambertian(0.5))
+    for found in (vrte.radiance(scene, 0.5, mu=[0.5], nodes=4), vrte.brdf(scene, 0.5, 0.5, nodes=4)):
+        assert "diagnostics" not in vars(found)
+        again = pickle.loads(pickle.dumps(found))
+        assert again.diagnostics == found.diagnostics == vars(found)["diagnostics"]
+        with pytest.raises(AttributeError, match="object has no attribute 'diagnosis'"):
+            found.diagnosis  # noqa: B018

@@ -9,14 +9,14 @@ import numpy as np
 from vrte.basics.arrays import Array, freeze, make_readonly, replace_unchecked
 from vrte.basics.running import Progress, start_run
 from vrte.calls.derivatives import Derivative, Derivatives, collect_jacobians, find_light, read_derivatives
-from vrte.calls.energy import note_energy
+from vrte.calls.energy import defer, note_energy
 from vrte.calls.photon_check import note_photons, share_with_photons
 from vrte.discrete_ordinates.execution.through_interfaces import find_rough_reflection
 from vrte.methods import choose_method
 from vrte.methods.discrete_ordinates import warn_of_negative
 from vrte.request.how import complete_docstring
 from vrte.request.request import Request, make_brdf_request
-from vrte.results.brdf import BRDF_DERIVATIVES, Brdf, make_readonly_brdf
+from vrte.results.brdf import BRDF_DERIVATIVES, Brdf
 from vrte.results.result import Solution
 from vrte.scene.backscattering import find_back_directions, find_interference
 from vrte.scene.beams import find_direct_light, locate_depths
@@ -117,7 +117,7 @@ def make_brdf(
         arrays |= {"mu_i": request.mu0, "mu_o": mu_o, "phi": request.phi}
         frozen = {name: freeze(each) for name, each in arrays.items()}
         late = partial(describe_brdf, request, replace_unchecked(solution, parts=[]), found)
-        return make_readonly_brdf(partial(dict, late()) if scene.is_rough or scene.below.facets else late, **frozen)
+        return Brdf.of(defer(request, late), **frozen)
     diagnostics = describe_brdf(request, solution, found)
     return Brdf(mu_i=request.mu0, mu_o=mu_o, phi=request.phi, diagnostics=diagnostics, **arrays, **jacobians)
 

@@ -49,7 +49,7 @@ from vrte.methods.parts.method import Answer
 from vrte.methods.parts.refinement import refine, share_steps
 from vrte.request.how import EXACT, complete_docstring
 from vrte.request.request import Request, check_scene, make_brdf_request
-from vrte.results.brdf import Brdf, make_readonly_brdf
+from vrte.results.brdf import Brdf
 from vrte.results.field import Field
 from vrte.results.result import Solution
 from vrte.scene.beams import find_direct_light, locate_depths
@@ -164,7 +164,7 @@ def solve_batch(requests: Sequence[Request], indices: list[int], run: Run, as_li
     through = make_readonly(np.exp(-np.array([[scene.thickness] for scene in scenes]) / asked.mu0))
     mu_o = make_readonly(plan.mu[plan.mu > 0.0])
     return {
-        indices[k]: make_readonly_brdf(
+        indices[k]: Brdf.of(
             partial(describe_solve, requests[indices[k]], plan.blocks, residuals, k, shared),
             mueller=parts[0][k],
             reflectance=reflectance[k],

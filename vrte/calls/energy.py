@@ -4,7 +4,8 @@ The net flux, down less up, beams included, is known at every depth of a request
 nothing: where it grows on its way down light is made, and where it falls between two depths light is absorbed.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,12 @@ from vrte.scene.scene import Scene
 ENERGY = "energy: "  # begins every note
 ROUNDING = 1e-12  # of the light that falls in: what sums of fluxes leave
 MUCH = 2.0  # times the light that falls on them: facets that send on more are warned of
+
+
+def defer(request: Request, describe: Callable[[], dict[str, Any]]) -> Callable[[], dict[str, Any]]:
+    """What makes the diagnostics of a result when they are read; at once where facets may make light: a warning."""
+    may_warn = request.scene.is_rough or request.scene.below.facets is not None
+    return partial(dict, describe()) if may_warn else describe
 
 
 def note_energy(request: Request, solution: Solution) -> dict[str, Any]:

@@ -2,16 +2,17 @@
 them, with the sun, line of sight and azimuth of each."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vrte.basics.arrays import Array, check_number, check_vector, make_readonly
+from vrte.basics.arrays import Array, check_number, check_vector, freeze, make_readonly, replace_unchecked
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress
 from vrte.calls.derivatives import Derivative, Derivatives, collect_jacobians, find_light, read_derivatives
-from vrte.calls.energy import note_energy
+from vrte.calls.energy import defer, note_energy
 from vrte.calls.photon_check import note_photons, share_with_photons
 from vrte.calls.plan import make_request, warn_runtime_of_all
 from vrte.methods import choose_method
@@ -124,18 +125,19 @@ def make_field(
 
     arrays: dict[str, Any] = gather(request, solution) | find(request)
     jacobians = collect_jacobians(FIELD_DERIVATIVES, arrays.keys(), request, derivatives, gather, find)
-    diagnostics = note_energy(request, solution) | note_photons(request, progress)
-    return Field(
-        tau=request.asked_tau,  # type: ignore[arg-type]
-        mu=directions,
-        phi=request.phi,
-        mu0=float(request.mu0[0]) if alone else request.mu0,
-        incident_stokes=request.incident,  # type: ignore[arg-type]
-        diagnostics=diagnostics | {"illuminate": request.illuminate},
-        index=index,
-        **arrays,
-        **jacobians,
-    )
+    found = note_photons(request, progress) | {"illuminate": request.illuminate}
+    arrays |= {"tau": request.asked_tau, "mu": directions, "phi": request.phi, "incident_stokes": request.incident}
+    arrays |= {} if index is None else {"index": index}
+    mu0 = float(request.mu0[0]) if alone else request.mu0
+    if not derivatives:  # the arrays fit together
+        late = partial(describe_field, request, replace_unchecked(solution, parts=[]), found)
+        return Field.of(defer(request, late), mu0=mu0, **{name: freeze(each) for name, each in arrays.items()})
+    return Field(mu0=mu0, diagnostics=describe_field(request, solution, found), **arrays, **jacobians)
+
+
+def describe_field(request: Request, solution: Solution, found: dict[str, Any]) -> dict[str, Any]:
+    """The diagnostics of a field: those of its solution, and what else is found."""
+    return note_energy(request, solution) | found
 
 
 def gather_light(request: Request, solution: Solution) -> tuple[Array, Array, Array]:

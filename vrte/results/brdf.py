@@ -1,6 +1,6 @@
 """The BRDF of a scene, at one wavelength or at several."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
@@ -114,13 +114,6 @@ class Brdf(Result):
         self._freeze(there)
         self._freeze_derivatives(BRDF_DERIVATIVES, there)
 
-    def __getattr__(self, name: str) -> Any:
-        if name != "diagnostics" or "_make_diagnostics" not in vars(self):
-            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-        found = vars(self)["diagnostics"] = vars(self)["_make_diagnostics"]()
-        vars(self).pop("_make_diagnostics", None)
-        return found
-
     def __repr__(self) -> str:
         extra = "" if self.transmission is None else ", with transmission"
         extra += describe_derivatives(self.jacobian) + describe_error(self.diagnostics)
@@ -172,13 +165,6 @@ class Brdf(Result):
     def bihemispherical_reflectance(self, weights: Any = None) -> float:
         """Flux out over flux in under an even unpolarized sky, specular included; any ``phi`` will do."""
         return float(2.0 * (choose_weights(self.mu_i, weights) * self.mu_i) @ self.total_reflectance)
-
-
-def make_readonly_brdf(make_diagnostics: Callable[[], dict[str, Any]], **given: Any) -> Brdf:
-    """A BRDF of read-only arrays whose shapes fit; its diagnostics are made when they are first read."""
-    found = object.__new__(Brdf)
-    found.__dict__.update(given, _make_diagnostics=make_diagnostics)
-    return found
 
 
 MOST_WAVELENGTHS = 10_000

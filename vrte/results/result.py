@@ -2,9 +2,9 @@
 and writes them."""
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from vrte.basics.arrays import Array, freeze, record
 from vrte.basics.errors import SceneError
@@ -23,6 +23,20 @@ def find_finest_nodes(found: Iterable[Any]) -> dict[str, int]:
 
 class Labelled:
     """A frozen dataclass of read-only arrays."""
+
+    @classmethod
+    def of(cls, make_diagnostics: Callable[[], dict[str, Any]], **given: Any) -> Self:
+        """One of read-only arrays whose shapes fit; its diagnostics are made when they are first read."""
+        found = object.__new__(cls)
+        found.__dict__.update(given, _make_diagnostics=make_diagnostics)
+        return found
+
+    def __getattr__(self, name: str) -> Any:
+        if name != "diagnostics" or "_make_diagnostics" not in vars(self):
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        found = vars(self)["diagnostics"] = vars(self)["_make_diagnostics"]()
+        vars(self).pop("_make_diagnostics", None)
+        return found
 
     def __reduce__(self) -> tuple[Any, ...]:
         # through the constructor: an unpickled array would otherwise be writable

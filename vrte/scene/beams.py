@@ -45,12 +45,21 @@ class Passing:
 
 
 def find_cosines(media: tuple[float, ...], index: float, mu: Array) -> Array:
-    """Cosines (medium, n) of directions mu (n,) in a medium of that index, by Snell's law; 0 where they do not go."""
+    """Cosines (medium, n) of directions mu (n,) in a medium of that index, by Snell's law; 0 where they do not go.
+    Read-only, few ones kept."""
+    find = _keep_cosines if mu.size <= KEPT else _keep_cosines.__wrapped__
+    return find(media, index, mu.tobytes())
+
+
+@lru_cache(maxsize=64)  # of a solve some ten are asked for twice, and again at other wavelengths
+def _keep_cosines(media: tuple[float, ...], index: float, along: bytes) -> Array:
+    """The same of directions as they lie in memory."""
+    mu = np.frombuffer(along)
     indices = np.array(media)[:, None]
     square = (indices - index) * (indices + index) + (index * mu) ** 2
     kept = (indices == index) | (mu == 1.0)  # the normal to the last place: odd orders would see the rest
     cosines = np.where(kept, mu, np.sqrt(np.maximum(square, 0.0)) / indices)
-    return np.where(cosines < LOWEST, 0.0, np.minimum(cosines, 1.0))
+    return make_readonly(np.where(cosines < LOWEST, 0.0, np.minimum(cosines, 1.0)))
 
 
 def make_interfaces(scene: Scene, cosines: Array) -> Interfaces:
@@ -207,17 +216,28 @@ class Depths:
 
 def locate_depths(scene: Scene, tau: Array, under: BoolArray) -> Depths:
     """Where optical depths lie; of layers without thickness the first interface above and the last below count."""
-    thickness = np.array([layer.extent for layer in scene.layers])
+    return _locate_again(
+        tuple([layer.extent for layer in scene.layers]), scene.base is None, tau.tobytes(), under.tobytes()
+    )
+
+
+@lru_cache(maxsize=8)  # asked for the light, its beams, its balance and the medium that it is in
+def _locate_again(extents: tuple[float, ...], is_open: bool, depths: bytes, sides: bytes) -> Depths:
+    """The same of depths and sides as they lie in memory, under layers so thick, with nothing below or with a base."""
+    thickness, tau, under = np.array(extents), np.frombuffer(depths), np.frombuffer(sides, bool)
     tops = np.concatenate([[0.0], np.cumsum(thickness)])
     near = np.abs(tops - tau[:, None]) <= LAST_PLACES * np.finfo(float).eps * tau[:, None]
     first, last = near.argmax(axis=1), near.shape[1] - 1 - near[:, ::-1].argmax(axis=1)
     interface = np.where(near.any(axis=1), np.where(under, last, first), -1)
-    if scene.base is not None:  # nothing lies below it
+    if not is_open:  # nothing lies below a base
         under = under & (interface < thickness.size)
     layer = np.clip(np.searchsorted(tops, tau, side="right") - 1, 0, thickness.size - 1)
     with np.errstate(invalid="ignore", divide="ignore"):
         share = np.where(np.isinf(thickness[layer]), tau - tops[layer], (tau - tops[layer]) / thickness[layer])
-    return Depths(interface.astype(np.int32), under, layer.astype(np.int32), np.where(interface < 0, share, 0.0))
+    found = interface.astype(np.int32), under, layer.astype(np.int32), np.where(interface < 0, share, 0.0)
+    for each in found:
+        each.flags.writeable = False  # shared by all who ask
+    return Depths(*found)
 
 
 @lru_cache(maxsize=4)  # of a result are asked: the beams, the balance of light, the forward peak
