@@ -192,10 +192,6 @@ CHOSEN: dict[str, tuple[vrte.Scene, list[str]]] = {
         ["layer[2].thickness", "layer[2].coefficients[2].a3", "interface[1].index"],
     ),
     "a peak under a surface": (vrte.Scene([GLASS, vrte.Layer(PEAKED, 0.9, 2.0)], GREY), ["interface[1].index"]),
-    "an absorber under a surface": (
-        vrte.Scene([GLASS, vrte.Layer(SPHERES, 0.3, 30.0), vrte.Layer(RAYLEIGH, 0.9, 1.0)], GREY),
-        ["interface[1].index", "layer[3].index"],
-    ),
     "facets": (
         COMPARED["rough sea"],
         ["layer[3].thickness", "layer[1].albedo", "layer[3].albedo", "interface[1].roughness", "interface[1].index"],
@@ -237,6 +233,10 @@ CHOSEN: dict[str, tuple[vrte.Scene, list[str]]] = {
     "a rough metal": (
         vrte.Scene([HAZE], vrte.Facets((0.2, 3.0), 0.3, "ggx", shadowing=True, conserving=True)),
         ["base.roughness"],
+    ),
+    "an absorber under a surface": (
+        vrte.Scene([GLASS, vrte.Layer(SPHERES, 0.3, 30.0), vrte.Layer(RAYLEIGH, 0.9, 1.0)], GREY),
+        ["interface[1].index", "layer[3].index"],
     ),
 }
 
