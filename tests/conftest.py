@@ -1,7 +1,6 @@
 """What every test can ask for."""
 
 import os
-import re
 import shutil
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -12,24 +11,12 @@ import numpy as np
 import pytest
 
 import vrte
+from vrte.basics.llvm import prepare_llvm
 
 DEVICE = pytest.StashKey[str]()
 REFERENCE = Path(os.environ.get("VRTE_REFERENCE", Path(__file__).parents[2] / "shared" / "reference"))
 
-OLDEST_LLVM = 17  # for Dr.Jit: it refuses 14, and 15 ends the process, since it lacks the minimum that Dr.Jit asks for
-
-
-def find_llvm() -> str | None:
-    """The newest LLVM in Linux's usual folders that Mitsuba's variants llvm_* work with."""
-    folders = ("*", "*/lib", ".")
-    found = [path for folder in folders for path in Path("/usr/lib").glob(f"{folder}/libLLVM*.so*")]
-    numbers = [(re.search(r"LLVM(?:-|\.so\.)(\d+)", path.name), str(path)) for path in found]
-    version, path = max([(int(number[1]), path) for number, path in numbers if number], default=(0, ""))
-    return path if version >= OLDEST_LLVM else None
-
-
-if llvm := find_llvm():
-    os.environ.setdefault("DRJIT_LIBLLVM_PATH", llvm)  # read when Mitsuba is first imported, by whichever test
+prepare_llvm()  # before whichever test imports Mitsuba first
 
 
 @pytest.fixture(scope="session")

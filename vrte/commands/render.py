@@ -1,13 +1,16 @@
 """`vrte render`: pictures of spheres and objects with the BRDFs of scene files, under a polarized sky."""
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 from vrte.basics.errors import SceneError
+from vrte.basics.llvm import OLDEST
 from vrte.commands.common import check_extra, join_progress, report_written, show_progress
 from vrte.render.geometry import SUFFIXES
 from vrte.render.rendering import OBJECTS, SPHERE, check_object, read
+from vrte.render.tracing import SAMPLES
 
 OF_OBJECTS = (
     f"one for all scenes, or one for each: {', '.join(OBJECTS)}, or a mesh ({', '.join(SUFFIXES)}); default: what each "
@@ -15,9 +18,36 @@ OF_OBJECTS = (
 )
 
 
+UPWARD = ("z", "y")
+TRACERS = ("auto", "mitsuba", "own")
+WRITTEN = (".png", ".svg", ".pdf", ".exr")
+
+
 def check(options: argparse.Namespace) -> None:
     """Whether colours can be computed. Raises MissingExtraError."""
     check_extra("vrte render", "render", ("colour", "matplotlib"))
+
+
+def choose_tracing(options: argparse.Namespace, shapes: Sequence[str]) -> Any:
+    """How Mitsuba traces, None where it does not. Raises SceneError, MissingExtraError."""
+    from vrte.render.tracing import Tracing, is_ready
+
+    asked = [name for name in ("samples", "environment") if getattr(options, name) is not None]
+    exr = options.output.suffix.lower() == ".exr"
+    needed = [*(f"--{name}" for name in asked), *(["-o OUT.exr"] * exr)] or ["--tracer mitsuba"]
+    if options.tracer == "mitsuba" or asked or exr:
+        if SPHERE in shapes:
+            raise SceneError(f"{needed[0]}: a sphere by itself is not traced; --object ball stands on the ground")
+        if options.tracer == "own":
+            raise SceneError(f"{needed[0]}: is for Mitsuba, not with --tracer own")
+        check_extra(needed[0], "mitsuba", ("mitsuba",))
+        if not is_ready():
+            raise SceneError(f"{needed[0]}: Mitsuba needs LLVM {OLDEST} or newer; DRJIT_LIBLLVM_PATH may name it")
+    elif options.tracer == "own" or not is_ready():
+        return None
+    if options.environment is not None and not options.environment.is_file():
+        raise SceneError(f"--environment: no such file: {options.environment}")
+    return Tracing(options.samples or SAMPLES, options.environment)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -29,8 +59,17 @@ def run(options: argparse.Namespace) -> None:
         raise SceneError("--together: a sphere is seen by itself; --object ball stands on the ground")
     if any(material.shape != SPHERE for material in materials):
         check_extra("a picture of an object", "render", ("trimesh", "embreex"))
+    if options.up is not None:
+        if all(material.shape in OBJECTS for material in materials):
+            raise SceneError("--up: is of own meshes, and there is none")
+        materials = [replace(material, up=options.up) for material in materials]
     if options.size:
         setting = replace(setting, size_px=options.size)
+    tracing = choose_tracing(options, [material.shape for material in materials])
+    if options.output.suffix.lower() == ".exr" and len(materials) > 1 and not options.together:
+        raise SceneError("-o OUT.exr: holds one picture; --together makes one of several objects")
+    if options.output.suffix.lower() == ".exr" and (options.sheet or options.colour_only):
+        raise SceneError("-o OUT.exr: holds radiances, neither a --sheet nor --colour-only")
     from vrte.pictures.figures import save
     from vrte.render import picture
     from vrte.render.rendering import compute_pictures
@@ -38,9 +77,11 @@ def run(options: argparse.Namespace) -> None:
     with show_progress() as (phase, tick):
         phase("colours")
         report = join_progress(phase, tick)
-        renderings = compute_pictures(materials, setting, report, together=options.together)
+        renderings = compute_pictures(materials, setting, report, together=options.together, tracing=tracing)
         phase("picture")
-        if options.colour_only:
+        if options.output.suffix.lower() == ".exr":
+            picture.save_radiances(renderings[0], options.output)
+        elif options.colour_only:
             picture.save_colours(renderings, options.output)
         elif options.sheet:
             save(picture.draw_sheet(renderings, setting, report), options.output, few_colours=False)
@@ -51,6 +92,8 @@ def run(options: argparse.Namespace) -> None:
     for rendering in renderings:
         for material, error in zip(rendering.materials, rendering.errors, strict=True):
             print(f"  {material.title}: {describe_picture(material, error)}")
+        if rendering.noise is not None:
+            print(f"  {tracing.samples} samples of a pixel and wavelength by Mitsuba: noise {rendering.noise:.1%}")
     report_written(options.output)
 
 

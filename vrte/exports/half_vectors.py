@@ -1,9 +1,9 @@
 """Mueller matrices over half vectors, as the Mitsuba plugin `vrte.mitsuba` interpolates and samples them.
 
-For a view at the angle theta from the normal, half vectors m have the angle theta_m = last s^2 and the azimuth 180
-degrees t from the view's; last is where the light's direction 2 (v m) m - v meets the horizon. Lobes of facets lie at
-s = 0 for each view, and the horizon at s = 1. Stokes axes are perpendicular to the plane of light and view and in it,
-as in a .pbsdf. The matrices are tabulated times mu_i + mu_o, which is even where light grazes.
+For a view at the angle theta from the normal, half vectors m have the angle theta_m = last sin^2(90 degrees s) and the
+azimuth 180 degrees t from the view's; last is where the light's direction 2 (v m) m - v meets the horizon. Lobes of
+facets lie at s = 0 for each view, and the horizon at s = 1. Stokes axes are perpendicular to the plane of light and
+view and in it, as in a .pbsdf. The matrices are tabulated times mu_i + mu_o, which is even where light grazes.
 """
 
 from collections.abc import Sequence
@@ -115,10 +115,11 @@ def find_last(theta: Array, cos_azimuth: Array) -> Array:
 def place_light(theta: Array, t: Array, s: Array) -> tuple[Array, Array, Array]:
     """Directions of light and view (n, 3), and the solid angle of light per ds dt, both halves together."""
     last = find_last(theta, np.cos(np.pi * t))
-    half = make_unit_vectors(np.cos(last * s**2), np.pi * t)
+    theta_m, slope = last * np.sin(0.5 * np.pi * s) ** 2, 0.5 * np.pi * last * np.sin(np.pi * s)
+    half = make_unit_vectors(np.cos(theta_m), np.pi * t)
     view = make_unit_vectors(np.cos(theta), 0.0 * theta)
     cosine = (view * half).sum(axis=1)
-    area = 2.0 * np.sin(last * s**2) * 2.0 * last * s * np.pi * 4.0 * cosine
+    area = 2.0 * np.sin(theta_m) * slope * np.pi * 4.0 * cosine
     return 2.0 * cosine[:, None] * half - view, view, area
 
 
@@ -129,9 +130,9 @@ def find_place(light: Array, view: Array) -> tuple[Array, Array, Array, Array]:
     beside = view[:, 0] * half[:, 1] - view[:, 1] * half[:, 0]
     azimuth = np.arctan2(beside, (view[:, :2] * half[:, :2]).sum(axis=1))
     last = find_last(theta, np.cos(azimuth))
-    s = np.sqrt(np.arctan2(np.hypot(half[:, 0], half[:, 1]), half[:, 2]) / last)
-    x = np.arcsin(np.minimum(theta / STEEPEST, 1.0)) / (0.5 * np.pi)
-    return x, np.abs(azimuth) / np.pi, np.minimum(s, 1.0), np.where(azimuth < 0.0, -1.0, 1.0)
+    part = np.arctan2(np.hypot(half[:, 0], half[:, 1]), half[:, 2]) / last
+    x, s = (np.arcsin(np.minimum(sine, 1.0)) / (0.5 * np.pi) for sine in (theta / STEEPEST, np.sqrt(part)))
+    return x, np.abs(azimuth) / np.pi, s, np.where(azimuth < 0.0, -1.0, 1.0)
 
 
 def find_across(light: Array, view: Array) -> Array:

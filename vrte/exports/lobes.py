@@ -45,7 +45,7 @@ class Splines:
         each = (
             compute_coefficients(self.grids, weighted[..., *element]).ravel() for element in np.argwhere(self.there)
         )
-        self.coefficients = np.stack(list(each), axis=1)
+        self.coefficients = np.column_stack([np.empty((weighted[..., 0, 0].size, 0)), *each])
 
     def __call__(self, mu_i: Array, mu_o: Array, phi: Array) -> Array:
         """The matrices (pairs, ..., ...) [sr-1] in meridian planes, at cosines and azimuths [degrees] (pairs,)."""

@@ -21,6 +21,7 @@ from vrte.results.brdf import Brdf, Spectrum
 
 mi = import_extra("mitsuba", "vrte.mitsuba", "mitsuba")
 dr = import_extra("drjit", "vrte.mitsuba", "mitsuba")
+REGISTERED: dict[str, Any] = {}  # the class of the BSDF by Mitsuba's variants
 LUMINANCE = np.array([[0.2126, 0.7152, 0.0722]])  # of linear sRGB
 
 
@@ -58,10 +59,10 @@ def register() -> None:
     class VrteBsdf(mi.BSDF):  # type: ignore[name-defined]
         """A tabulated BRDF (component 0), and a mirrored beam (component 1) where there is one."""
 
-        def __init__(self, props: Any) -> None:
+        def __init__(self, props: Any, table: HalfVectorTable | None = None) -> None:
             mi.BSDF.__init__(self, props)
-            self.path = mi.file_resolver().resolve(props["filename"])
-            table = read_table(str(self.path), mi.is_polarized)
+            self.path = "" if table else str(mi.file_resolver().resolve(props["filename"]))
+            table = table or read_table(self.path, mi.is_polarized)
             values: Any = table.values
             beam: Any = table.beam
             density = table.density
@@ -73,7 +74,9 @@ def register() -> None:
                 )
             self.values, self.values_shape = hold(values), values.shape
             grid = np.linspace(0.0, 1.0, len(density))
-            self.directions = mi.MarginalContinuous2D1(np.float32(np.maximum(density, 0.0)), [np.float32(grid)])
+            positive = np.maximum(density, 0.0)
+            positive[~positive.any(axis=(1, 2))] = 1.0  # nothing comes back but a beam: any direction will do
+            self.directions = mi.MarginalContinuous2D1(np.float32(positive), [np.float32(grid)])
             self.m_components = [mi.BSDFFlags.GlossyReflection | mi.BSDFFlags.FrontSide]
             self.chance = None
             if beam is not None:
@@ -95,7 +98,7 @@ def register() -> None:
             side = dr.select(sample2.y < 0.5, 1.0, -1.0)
             folded = dr.select(sample2.y < 0.5, 2.0 * sample2.y, 2.0 * sample2.y - 1.0)
             (s, t), _ = self.directions.sample(mi.Point2f(sample2.x, folded), [x], active)
-            theta_m = find_last(si.wi, dr.cos(dr.pi * t)) * s * s
+            theta_m = find_last(si.wi, dr.cos(dr.pi * t)) * dr.square(dr.sin(0.5 * dr.pi * s))
             sine, azimuth = dr.sin(theta_m), side * dr.pi * t
             ahead, beside = sine * dr.cos(azimuth), sine * dr.sin(azimuth)
             half = mi.Vector3f(ahead * along.x - beside * along.y, ahead * along.y + beside * along.x, dr.cos(theta_m))
@@ -139,7 +142,8 @@ def register() -> None:
             x, t, s, _ = self.find_place(wo, si.wi)
             last = find_last(si.wi, dr.cos(dr.pi * t))
             half = dr.normalize(wo + si.wi)
-            area = 16.0 * dr.pi * last * s * dr.sin(last * s * s) * dr.dot(half, si.wi)
+            theta_m, slope = last * dr.square(dr.sin(0.5 * dr.pi * s)), 0.5 * dr.pi * last * dr.sin(dr.pi * s)
+            area = 8.0 * dr.pi * slope * dr.sin(theta_m) * dr.dot(half, si.wi)
             density = self.directions.eval(mi.Point2f(s, t), [x], active) / dr.maximum(area, 1e-20)
             return dr.select(active, (1.0 - self.find_chance(ctx, x)) * density, 0.0)
 
@@ -161,8 +165,9 @@ def register() -> None:
             half = light + view
             azimuth = dr.atan2(along.x * half.y - along.y * half.x, along.x * half.x + along.y * half.y)
             theta_m = dr.atan2(dr.sqrt(half.x * half.x + half.y * half.y), half.z)
-            s = dr.sqrt(theta_m / find_last(view, dr.cos(azimuth)))
-            return x, dr.abs(azimuth) / dr.pi, dr.minimum(s, 1.0), dr.select(azimuth < 0.0, -1.0, 1.0)
+            part = dr.minimum(theta_m / find_last(view, dr.cos(azimuth)), 1.0)
+            s = dr.asin(dr.sqrt(part)) * (2.0 / dr.pi)
+            return x, dr.abs(azimuth) / dr.pi, s, dr.select(azimuth < 0.0, -1.0, 1.0)
 
         def find_chance(self, ctx: Any, x: Any) -> Any:
             """The probability of the beam."""
@@ -225,6 +230,12 @@ def register() -> None:
             return f"vrte[{self.path}]"
 
     mi.register_bsdf("vrte", VrteBsdf)
+    REGISTERED[mi.variant()] = VrteBsdf
+
+
+def make_bsdf(table: HalfVectorTable) -> Any:
+    """The BSDF of a table, in the variant that is set."""
+    return REGISTERED[mi.variant()](mi.Properties("vrte"), table)
 
 
 def hold(values: Any) -> Any:

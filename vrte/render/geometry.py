@@ -327,9 +327,14 @@ def divide_long_edges(body: Body, longest: float) -> Body:
     return Body(corners, normalize(normals), triangles)
 
 
-def find_shape(name: str) -> Body:
-    """The shape of this name, or the mesh of this file. Raises SceneError, OSError, MissingExtraError."""
-    return SHAPES[name]() if name in SHAPES else load_mesh(Path(name))
+def find_shape(name: str, up: str = "z") -> Body:
+    """The shape of this name, or the mesh of this file, whose axis ``up`` points up. Raises SceneError, OSError,
+    MissingExtraError."""
+    if name in SHAPES:
+        return SHAPES[name]()
+    found = load_mesh(Path(name))
+    upright = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]) if up == "y" else np.eye(3)
+    return Body(found.corners @ upright, found.normals @ upright, found.triangles)
 
 
 class Rays:

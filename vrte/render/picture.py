@@ -56,6 +56,18 @@ def save_colours(renderings: Sequence[Rendering], path: str | os.PathLike[str]) 
         image.save(part, format="PNG", optimize=True)
 
 
+def save_radiances(rendering: Rendering, path: str | os.PathLike[str]) -> None:
+    """An EXR file: R, G, B in linear sRGB as the film has them, and S0 to S3, the Stokes vector weighted by luminance
+    in the axes of a `Rendering`. Raises OSError."""
+    from vrte.mitsuba.bsdf import mi
+
+    pixels = np.concatenate([rendering.film.linear(rendering.xyz), rendering.stokes], axis=-1)
+    names = ["R", "G", "B", "S0", "S1", "S2", "S3"]
+    with write_atomically(path) as part:
+        image = mi.Bitmap(np.float32(pixels), mi.Bitmap.PixelFormat.MultiChannel, names)
+        image.write(str(part), mi.Bitmap.FileFormat.OpenEXR)
+
+
 def draw_figure(renderings: Sequence[Rendering], setting: PictureSetting) -> "Figure":
     """A row a picture, a column each for colour, degree and angle of linear and degree of circular polarization."""
     sheet = Sheet(setting.size_px, len(renderings), len(HEADINGS), foot=0.56, note=describe_light(setting, renderings))
@@ -179,11 +191,14 @@ def measure_degrees(renderings: Sequence[Rendering]) -> Scale:
 def describe_light(setting: PictureSetting, renderings: Sequence[Rendering]) -> str:
     """Under which light a picture was made, and at which wavelengths."""
     sun = f"sun {setting.sun_elevation_deg:g}° high"
-    light = {
-        "rayleigh": f"{sun}, Rayleigh sky over ground of albedo {setting.ground_albedo:g}",
-        "sun": f"{sun}, black sky",
-        "uniform": "unpolarized light, the same from all sides",
-    }[setting.sky]
+    light = (
+        renderings[0].light
+        or {
+            "rayleigh": f"{sun}, Rayleigh sky over ground of albedo {setting.ground_albedo:g}",
+            "sun": f"{sun}, black sky",
+            "uniform": "unpolarized light, the same from all sides",
+        }[setting.sky]
+    )
     sets: dict[str, list[str]] = {}  # of wavelengths; in brackets who has others than the first
     for material in (material for rendering in renderings for material in rendering.materials):
         sets.setdefault(describe_wavelengths(material.wavelengths_um.tolist()), []).append(material.title)

@@ -12,7 +12,9 @@ from vrte.appearance.colours import import_colour_science
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.calls.spectrum import spectrum
+from vrte.exports.half_vectors import HalfVectorTable, tabulate_half_vectors
 from vrte.formats.materials import expand_content
+from vrte.formats.measured_polarized import directions
 from vrte.formats.particle_sources import check_particles
 from vrte.formats.scene_file import (
     FILE_KEYS,
@@ -42,7 +44,8 @@ from vrte.render.sky import (
 )
 from vrte.render.surfaces import SceneLight, compute_irradiance
 from vrte.render.tables import BrdfTable, Resolution, tabulate_brdf
-from vrte.results.brdf import Brdf, check_ascending
+from vrte.render.tracing import VARIANT, Tracing, trace
+from vrte.results.brdf import Brdf, Spectrum, check_ascending
 from vrte.results.facets import find_facets, leave_out_facets
 
 ACCURACY = 1e-4  # of a BRDF, where the file asks for none
@@ -80,7 +83,7 @@ class PictureSetting:
 class Material:
     """A scene file as the surface of an object: its ``title``, its ``content`` without [render], and the wavelengths
     [um]; ``note`` says where those end before the light that is seen does. ``shape`` is the object, turned about the
-    vertical by ``turn_deg``: one of OBJECTS, or the path of a mesh."""
+    vertical by ``turn_deg``: one of OBJECTS, or the path of a mesh, whose axis ``up`` points up."""
 
     path: Path
     title: str
@@ -89,6 +92,7 @@ class Material:
     note: str = ""
     shape: str = SPHERE
     turn_deg: float = 0.0
+    up: str = "z"
 
     def brdf(self, wavelength_um: float, mu_i: Array, mu_o: Array, phi: Array) -> Brdf:
         """Its BRDF at one wavelength. Raises SceneError, which names the file, and what `vrte.brdf` raises."""
@@ -232,7 +236,8 @@ class Rendering:
     CIE ``xyz`` (height, width, 3) and ``stokes`` (height, width, 4), weighted by luminance; Y and I are 1 for a white
     Lambertian surface that faces the sun, NaN around a sphere. Stokes axes: l upright, r to the right. ``cover``
     (height, width) is a sphere's fraction of each pixel, 1 around what stands on the ground. ``errors`` of the BRDFs
-    between the directions of their tables; middles of objects are ``apart`` [pixels].
+    between the directions of their tables; middles of objects are ``apart`` [pixels]; ``light`` in words, where it is
+    not that of the setting; ``noise`` of a traced picture, the standard error of Y over its mean, both of all pixels.
     """
 
     materials: Sequence[Material]
@@ -242,6 +247,8 @@ class Rendering:
     film: Film
     errors: Sequence[float]
     apart: float = 0.0
+    light: str = ""
+    noise: float | None = None
 
     @property
     def title(self) -> str:
@@ -260,10 +267,11 @@ def compute_pictures(
     progress: Callable[[int, int, str], None] | None = None,
     resolutions: Sequence[Resolution] = RESOLUTIONS,
     together: bool = False,
+    tracing: Tracing | None = None,
 ) -> list[Rendering]:
     """The pictures of all materials, or the one in which they stand beside each other; ``progress`` is called with
-    (steps done, steps, what begins). The first of ``resolutions`` that is fine enough is taken, or the last. Raises
-    MissingExtraError, SceneError, and what `vrte.brdf` raises."""
+    (steps done, steps, what begins). The first of ``resolutions`` that is fine enough is taken, or the last; with
+    ``tracing``, Mitsuba traces objects. Raises MissingExtraError, SceneError, and what `vrte.brdf` raises."""
     import_colour_science(*NEEDED)
     done, steps = 0, sum(2 * material.wavelengths_um.size for material in materials)  # a table and a picture each
 
@@ -273,12 +281,15 @@ def compute_pictures(
         if progress is not None:
             progress(done, steps, title)
 
+    def draw(some: Sequence[Material]) -> Rendering:
+        if tracing is not None:
+            return draw_traced(some, setting, step, tracing)
+        return draw_on_ground(some, setting, step, resolutions)
+
     if together:
-        return [draw_on_ground(materials, setting, step, resolutions)]
+        return [draw(materials)]
     return [
-        draw_sphere(material, setting, step, resolutions)
-        if material.shape == SPHERE
-        else draw_on_ground([material], setting, step, resolutions)
+        draw_sphere(material, setting, step, resolutions) if material.shape == SPHERE else draw([material])
         for material in materials
     ]
 
@@ -368,12 +379,72 @@ def draw_on_ground(
     return Rendering(materials, picture[..., :3], picture[..., [1, 3, 4, 5]], cover, film, errors, apart)
 
 
+def draw_traced(materials: Sequence[Material], setting: PictureSetting, step: Step, tracing: Tracing) -> Rendering:
+    """Objects beside each other, traced at the wavelengths of the material that has most of them; another has the BRDF
+    of its own range's end beyond that."""
+    from vrte.mitsuba.bsdf import make_bsdf, mi
+
+    mi.set_variant(VARIANT)
+    stage = set_stage(materials, setting)
+    main = Lit(max(materials, key=lambda one: one.wavelengths_um.size), setting, RESOLUTIONS, step)
+    wavelengths = main.material.wavelengths_um
+    observer, film = main.weighed
+    albedo: float | None = {"rayleigh": setting.ground_albedo, "uniform": 1.0, "sun": 0.0}[setting.sky]
+    if tracing.environment is not None:
+        albedo, observer = None, weigh_wavelengths(wavelengths)
+        film = make_film(observer.sum(axis=1), setting.exposure)
+    halves = np.zeros((2, stage.lens.height, stage.lens.width, CHANNELS))
+    made: dict[int, tuple[Any, float]] = {}
+    for index, wavelength in enumerate(wavelengths.tolist()):
+        for place, material in enumerate(materials):
+            step(0, material.title)
+            if index == 0 or material.coloured:
+                at = float(np.clip(wavelength, *material.wavelengths_um[[0, -1]]))
+                table = tabulate_for_tracing(material, at)
+                error = made[place][1] if index else measure_table_error(material, at, table)
+                made[place] = make_bsdf(table), error
+            step(1, material.title)
+        light = tracing.make_light(main.sky.choose([index]), film, observer, index)
+        bsdfs = [made[place][0] for place in range(len(materials))]
+        for half in range(2):
+            samples, seed = max(1, tracing.samples // 2), 2 * index + half
+            found = trace(stage.bodies, bsdfs, stage.lens, light, albedo, samples, seed)
+            channels = weigh_channels(found.reshape(-1, 1, 4), observer[:, index : index + 1])
+            halves[half] += channels.reshape(*found.shape[:2], CHANNELS)
+        step(len(materials), main.material.title)
+    picture = halves.mean(axis=0)
+    noise = 0.5 * float(np.sqrt(np.mean((halves[0] - halves[1])[..., 1] ** 2)) / picture[..., 1].mean())
+    apart = APART * stage.lens.height / (2.0 * stage.lens.spread * stage.lens.distance)
+    words = "" if tracing.environment is None else f"environment {tracing.environment.name}"
+    errors = [made[place][1] for place in range(len(materials))]
+    stokes = picture[..., [1, 3, 4, 5]]
+    return Rendering(materials, picture[..., :3], stokes, np.ones(stokes.shape[:2]), film, errors, apart, words, noise)
+
+
+def tabulate_for_tracing(material: Material, wavelength_um: float) -> HalfVectorTable:
+    """The table by which Mitsuba samples a material."""
+    brdf = material.brdf(wavelength_um, **directions())
+    return tabulate_half_vectors(Spectrum(np.array([wavelength_um]), (brdf,)), [material.surface(wavelength_um)])
+
+
+def measure_table_error(material: Material, wavelength_um: float, table: HalfVectorTable) -> float:
+    """The error of `measure_interpolation_error`, of such a table."""
+    mu_i, mu_o, phi = draw_directions()
+    exact = material.brdf(wavelength_um, mu_i, mu_o, phi).mueller.reshape(mu_i.size, -1, 4, 4)
+    seen, turned = (part.ravel() for part in np.meshgrid(mu_o, phi, indexing="ij"))
+    shape = mu_i.size, seen.size
+    found = table.evaluate(mu_i, np.broadcast_to(seen, shape), np.broadcast_to(turned, shape))[:, :, 0]
+    scale = mu_i[:, None, None, None]
+    largest = float(np.abs(exact * scale).max())
+    return float(np.abs((found - exact) * scale).max()) / largest if largest else 0.0
+
+
 def set_stage(materials: Sequence[Material], setting: PictureSetting) -> Stage:
     """Objects in a row on the ground, before the camera. Raises SceneError, OSError, MissingExtraError."""
     camera = place_camera(setting.camera_elevation_deg, -setting.sun_azimuth_deg)  # the sun stands at azimuth 0
     bodies = []
     for index, material in enumerate(materials):
-        shape = find_shape(material.shape)
+        shape = find_shape(material.shape, material.up)
         sideways = APART * (index - 0.5 * (len(materials) - 1)) * camera.right
         turn = material.turn_deg - setting.sun_azimuth_deg  # the same side faces the camera, wherever the sun is
         bodies.append(shape.place(turn, (float(sideways[0]), float(sideways[1]))))
@@ -397,12 +468,17 @@ def tabulate_material(material: Material, wavelength_um: float, resolution: Reso
     return tabulate_brdf(brdf, resolution, find_facets(brdf, material.surface(wavelength_um)))
 
 
+def draw_directions() -> tuple[Array, Array, Array]:
+    """Eight cosines of incidence, of exit, and azimuths [degrees], to compare BRDFs at."""
+    draw = np.random.default_rng(0)
+    mu_i, mu_o = draw.uniform(0.05, 1.0, (2, 8))
+    return mu_i, mu_o, draw.uniform(0.0, 180.0, 8)
+
+
 def measure_interpolation_error(material: Material, wavelength_um: float, table: BrdfTable) -> float:
     """The largest error of any element of the BRDF times mu_i in 512 directions off the table's grid, all cosines above
     0.05, over the largest such value; or that of the fraction mirrored as a beam, where it is larger."""
-    draw = np.random.default_rng(0)
-    mu_i, mu_o = draw.uniform(0.05, 1.0, (2, 8))
-    phi = draw.uniform(0.0, 180.0, 8)
+    mu_i, mu_o, phi = draw_directions()
     brdf = material.brdf(wavelength_um, mu_i, mu_o, phi)
     exact = leave_out_facets(brdf, table.facets) * mu_i[:, None, None, None, None]
     points = [part.ravel() for part in np.meshgrid(mu_i, mu_o, np.radians(phi), indexing="ij")]
