@@ -167,6 +167,7 @@ def make_lobe_colours(lobes: Sequence[Lobe]) -> Any:
 def draw_lobe(axes: Any, lobe: Lobe, factor: float, colours: Any, letters: float = 9.0) -> None:
     """A lobe, its radius times ``factor``, above the surface, with its rays; words in ``letters`` [points]."""
     from matplotlib.collections import TriMesh
+    from matplotlib.patheffects import withStroke
     from matplotlib.tri import Triangulation
 
     points = factor * lobe.points
@@ -187,7 +188,8 @@ def draw_lobe(axes: Any, lobe: Lobe, factor: float, colours: Any, letters: float
         end = RIM[degrees // 2]
         axes.plot(*project_points(np.stack([0.0 * end, end])), **GROUND)
         index = project_points(1.13 * end)
-        axes.text(*index, f"{degrees}°", color=INK, fontsize=letters, ha="center", va="center", zorder=1)
+        how = {"color": INK, "fontsize": letters, "path_effects": [withStroke(linewidth=2.0, foreground="white")]}
+        axes.text(*index, f"{degrees}°", ha="center", va="center", zorder=3, **how)
     mesh.set_in_layout(False)
     axes.add_collection(mesh, autolim=False)  # its limits would be those of half a million paths
     ring = int(np.argmin(np.abs(lobe.theta - np.degrees(np.arccos(lobe.mu_i)))))
@@ -198,7 +200,7 @@ def draw_lobe(axes: Any, lobe: Lobe, factor: float, colours: Any, letters: float
         near, far = (project_points(radius * seen + beside) for radius in (inside + 0.02, 1.3 if words else 1.2))
         start, end = (near, far) if words else (far, near)
         axes.annotate("", end, start, arrowprops={**arrow, "color": colour, "zorder": 20}, annotation_clip=False)
-        axes.text(0.0, -0.6, words, color=colour, fontsize=letters, ha="center", va="bottom")
+        axes.text(1.19, -0.6, words, color=colour, fontsize=letters, ha="right", va="bottom")
     axes.set_xlim(-1.19, 1.19), axes.set_ylim(-0.55, 1.2)
     axes.set_aspect("equal")
     axes.set_axis_off()

@@ -111,7 +111,7 @@ def draw_sheet(
             draw_lobe(axes, lobe, 1.0 / circle, colours, sheet.letters)
         left, top = sheet.corner(row, 2)
         where = (left + 0.1 * size, top + 0.80 * size, 0.9 * size, 0.05 * size)
-        sheet.draw_bar(where, colours, limit_ticks(4))
+        sheet.draw_bar(where, colours, limit_ticks(2))
         sheet.text(left + 1.6 * size, top + 0.84 * size, f"outer circle: $f_{{00}}$ = {circle:g} sr$^{{-1}}$")
         if progress is not None:
             progress(row + 1, len(renderings), material.title)
@@ -166,7 +166,7 @@ class Scale:
         found = [0.0]
         for step in (0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.8, 1.0):
             apart = (step / self.high) ** self.power - (found[-1] / self.high) ** self.power
-            found += [step] if step <= self.high + 1e-9 and apart > 0.16 else []
+            found += [step] if step <= self.high + 1e-9 and apart > 0.2 else []
         return found
 
     def colour(self, values: Array, cover: Array) -> Array:
@@ -236,7 +236,7 @@ def _find_largest(pictures: Sequence[Array]) -> float:
 def round_up(value: float) -> float:
     """To a step of ROUND times a power of ten; a scale for what is zero."""
     if value <= 1e-6:
-        return 1e-6
+        return 0.01
     power = 10.0 ** np.floor(np.log10(value))
     return float(f"{next(step for step in ROUND if step * power >= value) * power:.6g}")
 
@@ -335,8 +335,9 @@ class Sheet(Canvas):
         for degrees in range(0, 180, 45):
             sine, cosine = np.sin(np.radians(degrees)), np.cos(np.radians(degrees))
             axes.plot(0.42 * sine * ENDS, 0.42 * cosine * ENDS, color=INK, linewidth=0.08 * self.letters)
-            right = left + 0.5 * (self.size - side) + (0.5 + 0.68 * sine) * side
-            self.text(right + 0.06 * side * np.sign(sine), top + (0.5 - 0.63 * cosine) * side, f"{degrees}°")
+            right = left + 0.5 * (self.size - side) + (0.5 + 0.54 * sine + 0.08 * np.sign(sine)) * side
+            below = top + (0.5 - 0.63 * cosine) * side
+            self.text(right, below, f"{degrees}°", ha="left" if degrees else "center")
         axes.set_xlim(-1.0, 1.0), axes.set_ylim(-1.0, 1.0)
         axes.set_axis_off()
 
