@@ -390,6 +390,18 @@ def test_one_iteration_knows_where_light_goes(slope: float) -> None:
     assert off(iterate(scene, asked, regular="discrete-ordinates"), vrte.radiance(scene, **asked)) < 0.11
 
 
+@pytest.mark.parametrize(("place", "within"), [(2, 0.15), (3, 0.3)])
+def test_two_iterations_know_the_signs_of_polarization(place: int, within: float) -> None:
+    """U or V comes in: what goes up of it beyond light scattered once, to a share of its largest."""
+    asked = {"mu": [0.3, 0.9], "phi": [0.0, 50.0, 180.0], "stokes": np.eye(4)[0] + 0.9 * np.eye(4)[place]}
+    scene = one_layer(MATRIX, 0.9, 0.5)
+    once = vrte.radiance(scene, MU0, method="single-scattering", **asked).stokes
+    right = vrte.radiance(scene, MU0, truncation="small-angle", nodes=16, **asked).stokes
+    how = {"method": "synthetic-iteration", "settings": {"regular": "discrete-ordinates", "iterations": 2}}
+    found = vrte.radiance(scene, MU0, nodes=16, **asked, **how).stokes
+    assert np.abs(found - right)[..., 2].max() < within * np.abs(right - once)[..., 2].max()
+
+
 @pytest.mark.parametrize("regular", ["two-stream", "diffusion"])
 def test_one_iteration(regular: str) -> None:
     """Below a thin peaked layer, where the peak is: within 3 % of the brightest, where the regular part alone is far
