@@ -58,7 +58,7 @@ ZOO: dict[str, Any] = {
 # other words that name arguments, or what is in them
 ALSO = {
     "must end in": "path", "is not a NetCDF file": "path", "not a number": "path", "unknown key": "scene",
-    "TOML": "scene source", "is missing": "scene", "axes": "source", "the scene has no": "source names",
+    "TOML": "scene source", "is missing": "scene", "axes": "source", "the scene has no": "source names paint",
     "no key": "names", "base.albedo": "values", "scene ": "scenes", "layer": "layers", "a quantity": "name allowed",
     "material = ": "name", "host_index": "index", "index: ": "material", "a mixture": "parts", "place": "rows",
     "derivatives": "variation thickness albedo", "thickness": "thickness_um times", "scene_at": "is_outside",

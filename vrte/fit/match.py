@@ -695,9 +695,10 @@ def match(
         raise SceneError.of("paint", "must be a scene file, its content or a ready paint: a vrte.Scene has no pigments")
     content, folder = read_source(paint, folder)
     content = put_fractions(content)
-    if not free:
+    typed = list(free)
+    if not typed:
         raise SceneError.of("free", "must name one or more numbers of the paint")
-    names = name_numbers(content, list(free))
+    names = name_numbers(content, typed)
     try:
         family = make_family(content, names, folder)
     except SceneError as error:
