@@ -20,8 +20,8 @@ from vrte.scene.vary import Variation
 IMAGINARY = 1e-40  # imaginary step of a thickness (complex-step derivative): no difference is taken, no digit is lost
 NEAR = 2.0**-6  # of the step of a whole solve's differences: the error of two points is then 1e-10
 LEAST_LIGHT = (
-    2.0**-18
-)  # scattered: steps grow to 2^6 of those, since rounding is that of all light, not of what scatters
+    2.0**-12
+)  # scattered: steps grow to 2^4 of those, since rounding is that of all light, not of what scatters
 TWO_POINTS = ({-1: -0.5, 1: 0.5}, {0: -1.5, 1: 2.0, 2: -0.5})
 FAR = 1e300  # optical thickness that stands for a semi-infinite layer
 
@@ -146,7 +146,7 @@ def sample_surfaces(scene: Scene, variation: Variation, lowest: float) -> tuple[
     if not moves_surfaces(variation):
         return ()
     assert variation.scene_at is not None
-    scattered = sum(layer.albedo * min(layer.thickness, 1.0) for layer in scene.layers)
+    scattered = sum(layer.albedo * min(layer.thickness, 1.0) for layer in scene.layers) + scene.below.orders_reflected
     step = NEAR * find_whole_step(scene, variation, lowest) / np.cbrt(min(max(scattered, LEAST_LIGHT), 1.0))
     return tuple(sample_around(variation.scene_at, variation.value, step, TWO_POINTS))
 
