@@ -28,7 +28,14 @@ except ModuleNotFoundError as error:
 
 from vrte.basics.arguments import open_front_door as _open_front_door
 
-_INNER = ("quadrature", "compute_elements", "compute_f", "compute_phase_function", "weigh")  # called while solving
+_INNER = (
+    "quadrature",
+    "compute_elements",
+    "compute_f",
+    "compute_phase_function",
+    "weigh",
+    "with_late_diagnostics",
+)  # while solving
 _lines = _ast.parse(_Path(__file__).with_suffix(".pyi").read_text("utf-8")).body
 _MODULES: dict[str, tuple[str, str]] = {  # of each public name: the module and the name there
     alias.asname or alias.name: (str(line.module), alias.name)

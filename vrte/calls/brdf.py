@@ -117,7 +117,7 @@ def make_brdf(
         arrays |= {"mu_i": request.mu0, "mu_o": mu_o, "phi": request.phi}
         frozen = {name: freeze(each) for name, each in arrays.items()}
         late = partial(describe_brdf, request, replace_unchecked(solution, parts=[]), found)
-        return Brdf.of(defer(request, late), **frozen)
+        return Brdf.with_late_diagnostics(defer(request, late), **frozen)
     diagnostics = describe_brdf(request, solution, found)
     return Brdf(mu_i=request.mu0, mu_o=mu_o, phi=request.phi, diagnostics=diagnostics, **arrays, **jacobians)
 

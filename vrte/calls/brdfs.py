@@ -164,7 +164,7 @@ def solve_batch(requests: Sequence[Request], indices: list[int], run: Run, as_li
     through = make_readonly(np.exp(-np.array([[scene.thickness] for scene in scenes]) / asked.mu0))
     mu_o = make_readonly(plan.mu[plan.mu > 0.0])
     return {
-        indices[k]: Brdf.of(
+        indices[k]: Brdf.with_late_diagnostics(
             partial(describe_solve, requests[indices[k]], plan.blocks, residuals, k, shared),
             mueller=parts[0][k],
             reflectance=reflectance[k],

@@ -131,7 +131,9 @@ def make_field(
     mu0 = float(request.mu0[0]) if alone else request.mu0
     if not derivatives:  # the arrays fit together
         late = partial(describe_field, request, replace_unchecked(solution, parts=[]), found)
-        return Field.of(defer(request, late), mu0=mu0, **{name: freeze(each) for name, each in arrays.items()})
+        return Field.with_late_diagnostics(
+            defer(request, late), mu0=mu0, **{name: freeze(each) for name, each in arrays.items()}
+        )
     return Field(mu0=mu0, diagnostics=describe_field(request, solution, found), **arrays, **jacobians)
 
 

@@ -55,9 +55,35 @@ cdef void spherical(int m, int terms, bint polar, given mu, int n_mu, doubles ou
 
 
 def generalized_spherical_functions(int m, int terms, mu):
-    """p = d^l_{m,0}, r = (d^l_{m,2} + d^l_{m,-2})/2 and t = (d^l_{m,2} - d^l_{m,-2})/2 at cosines in [-1, 1], (terms,
-    n_mu, 3), zero for l < m, (1:9)-(1:10): P_l^m is [[p, 0, 0, 0], [0, r, -t, 0], [0, -t, r, 0], [0, 0, 0, p]].
+    """The elements of the associated Legendre matrices P_l^m, from Wigner's d by upward recurrence in l.
 
+    P_l^m is [[p, 0, 0, 0], [0, r, -t, 0], [0, -t, r, 0], [0, 0, 0, p]].
+
+    Parameters
+    ----------
+    m : int
+        Fourier order, >= 0.
+    terms : int
+        Number of degrees, l = 0 .. terms - 1.
+    mu : array_like (n_mu,)
+        Cosines in [-1, 1].
+
+    Returns
+    -------
+    ndarray (terms, n_mu, 3)
+        p = d^l_{m,0}, r = (d^l_{m,2} + d^l_{m,-2})/2 and t = (d^l_{m,2} - d^l_{m,-2})/2; zero for l < m.
+
+    Raises
+    ------
+    ValueError
+        For a negative order, no terms or a cosine outside [-1, 1].
+
+    References
+    ----------
+    (1:9)-(1:10).
+
+    Examples
+    --------
     >>> from vrte import _core
     >>> _core.generalized_spherical_functions(0, 3, [0.5])[:, 0, 0]  # Legendre polynomials
     array([ 1.   ,  0.5  , -0.125])
@@ -76,10 +102,35 @@ cdef int spherical_functions_one(Arrays* t, int item, Workspace desk) noexcept n
 
 
 def phase_matrices(int m, coefficients, mu, mu_from):
-    """Fourier orders of the phase matrix in meridian planes, A^m(mu, mu_from) = sum_l P_l^m(mu) B_l P_l^m(mu_from), (n,
-    k, 4, 4), (1:9); coefficients (terms, 6) as `vrte.PhaseMatrix` has them; cosines of directions of travel, positive
-    downward: for public ones pass -mu.
+    """Fourier orders of the phase matrix, A^m(mu, mu_from) = sum_l P_l^m(mu) B_l P_l^m(mu_from).
 
+    Parameters
+    ----------
+    m : int
+        Fourier order, >= 0.
+    coefficients : array_like (terms, 6)
+        Columns a1, a2, a3, a4, b1, b2, as `vrte.PhaseMatrix` has them.
+    mu : array_like (n,)
+        Cosines of the directions of scattered light, positive downward: for public cosines pass -mu.
+    mu_from : array_like (k,)
+        Those of the light that is scattered, in the same way.
+
+    Returns
+    -------
+    ndarray (n, k, 4, 4)
+        A^m, in the meridian planes.
+
+    Raises
+    ------
+    ValueError
+        For wrong shapes or cosines.
+
+    References
+    ----------
+    (1:9).
+
+    Examples
+    --------
     >>> from vrte import _core
     >>> _core.phase_matrices(0, [[1.0, 0, 0, 0, 0, 0]], [0.3], [-0.7])[0, 0, 0, 0].item()  # isotropic
     1.0

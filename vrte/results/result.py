@@ -25,7 +25,7 @@ class Labelled:
     """A frozen dataclass of read-only arrays."""
 
     @classmethod
-    def of(cls, make_diagnostics: Callable[[], dict[str, Any]], **given: Any) -> Self:
+    def with_late_diagnostics(cls, make_diagnostics: Callable[[], dict[str, Any]], **given: Any) -> Self:
         """One of read-only arrays whose shapes fit; its diagnostics are made when they are first read."""
         found = object.__new__(cls)
         found.__dict__.update(given, _make_diagnostics=make_diagnostics)
