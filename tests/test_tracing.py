@@ -52,13 +52,16 @@ def find_body(materials: Any, setting: Any) -> Array:
 @pytest.mark.parametrize("content", [HAZE, SATIN, pytest.param(GLOSS, marks=pytest.mark.slow)])
 def test_a_ball_is_that_of_our_own_renderer(content: str, tmp_path: Path) -> None:
     """On black ground, where no light goes from object to object: to 1 % of the mean, in I, Q and U, in nine parts of
-    the picture; the sun and the sky are seen in the smooth surface, too."""
+    the picture; the sky is seen in the smooth surface, too. The sun's image in it, a twentieth of a pixel wide, is left
+    out: few samples meet it, in both."""
     path = write(tmp_path, content, 'object = "ball"\nground_albedo = 0.0')
     traced, materials, setting = draw(path, 512)
     (own,) = compute_pictures(materials, setting, resolutions=[Resolution(24, 72, 32)])
     body = find_body(materials, setting)
-    scale = own.stokes[..., 0][body].mean()
-    for part in np.array_split(np.flatnonzero(body), 9):
+    scale = np.median(own.stokes[..., 0][body])
+    bright = np.maximum(traced.stokes[..., 0], own.stokes[..., 0]) > 5.0 * scale
+    assert bright[body].sum() <= 4
+    for part in np.array_split(np.flatnonzero(body & ~bright), 9):
         for parameter in range(3):
             first, second = (one.stokes.reshape(-1, 4)[part, parameter].mean() for one in (traced, own))
             assert abs(first - second) < 0.01 * scale + 0.01 * abs(second)
