@@ -46,7 +46,9 @@ def test_the_quick_report(tmp_path: Path) -> None:
     assert all(row.method == "discrete-ordinates" for row in kept)
     assert all(row.worst <= float(row.setting.split()[1]) for row in kept)
     exact = [row for row in rows if row.method == "discrete-ordinates" and row.scene == "Rayleigh, small"]
-    assert all(row.energy < 1e-12 for row in exact)
+    for row in exact:  # scatterings that are summed one by one end where they no longer matter to the accuracy
+        accuracy = float(row.setting.split()[1]) if row.setting.startswith("accuracy") else 0.0
+        assert row.energy < max(1e-12, 1e-3 * accuracy)
     page = (tmp_path / methods_page.PAGE).read_text(encoding="utf-8")
     for scene in methods.SMALL:
         for name in ("modes", "doubling"):

@@ -61,12 +61,13 @@ def smaller_sweep(folder: Path) -> None:
 
 
 def table_for_mitsuba(folder: Path) -> None:
-    """What the command above the lines for Mitsuba writes, of a scene that is quickly solved."""
+    """What the commands beside the lines for Mitsuba write, of a scene that is quickly solved."""
     (folder / "paint.toml").write_text(
         '[[layer]]\nphase = "rayleigh"\nalbedo = 0.9\nthickness = 1.0\n[brdf]\nmu_i = 0.5\nmu_o = 0.5\n'
     )
-    command = shlex.split("export paint.toml --wavelengths-um 0.45,0.5,0.55,0.6,0.65 -o paint.pbsdf --nodes 4")
-    assert cli.main([*command, "--step-deg", "15"]) == 0
+    command = shlex.split("export paint.toml --wavelengths-um 0.45,0.5,0.55,0.6,0.65 --nodes 4")
+    for more in ("-o paint.pbsdf --step-deg 15", "-o paint.nc"):
+        assert cli.main([*command, *shlex.split(more)]) == 0
 
 
 # Mitsuba renders, kernels are compiled, a table is made, panels are solved at many wavelengths
