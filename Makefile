@@ -95,7 +95,7 @@ METALLIC = silver_metallic gold_pearl colour_shifter
 GALLERY = vrte/app/gallery
 gallery: $(VENV)/gallery.stamp
 	@mkdir -p out/gallery
-	$(BIN)/vrte render examples/still_life/*.toml --together --size 330 -o out/gallery/hero.png
+	$(BIN)/vrte render examples/still_life/*.toml --together --size 330 --samples 128 -o out/gallery/hero.png
 	$(BIN)/vrte render $(POWDERS:%=$(GALLERY)/%.toml) --object vase --sheet --size 220 -o out/gallery/gallery_powders.png
 	$(BIN)/vrte render $(GALLERY)/paint_bare.toml $(GALLERY)/paint_smooth.toml examples/satin_paint.toml \
 		$(GALLERY)/powder_dry.toml $(GALLERY)/powder_wet.toml --object knot --sheet --size 220 -o out/gallery/gallery_surfaces.png

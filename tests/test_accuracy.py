@@ -105,6 +105,8 @@ def test_a_steady_fall_of_differences_is_believed_and_no_other() -> None:
     assert [estimate_error(chance, scene) for scene in (thin, rough, sea)] == [1e-4] * 3
     assert [estimate_error({8: 1e-3, 10: 5e-4}, scene) for scene in (thin, rough, sea)] == [5e-4] * 3
     assert estimate_error(rise, thick) == 1e-3
+    peaked = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.9, 200), 0.9, 1.0)])  # three tenths: terms are cut
+    assert estimate_error({8: 1e-3, 10: 1e-6}, peaked) == close_to(3e-7, rtol=1e-12, atol=0.0)
 
 
 GRADED = [  # forty layers, each of which by itself would have asked for 256 nodes: 9 minutes

@@ -31,7 +31,7 @@ def read(paint: dict[str, Any], *, over: float = 0.0) -> tuple[float, float, flo
     return colour.L, colour.a, colour.b
 
 
-@pytest.mark.parametrize("over", ["black", "white"])
+@pytest.mark.parametrize("over", ["black", pytest.param("white", marks=pytest.mark.slow)])
 def test_a_recipe_is_found_again(over: str) -> None:
     """Two loads by colour and hiding, from others twice and half as high: to 0.1 CIEDE2000."""
     hidden = {"pigment": {"rutile": 0.08, "hematite": 0.006}, "binder": "alkyd", "thickness_um": 12.0}

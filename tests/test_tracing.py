@@ -49,7 +49,7 @@ def find_body(materials: Any, setting: Any) -> Array:
 
 
 @needs_mitsuba
-@pytest.mark.parametrize("content", [HAZE, SATIN, pytest.param(GLOSS, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("content", [HAZE, *(pytest.param(one, marks=pytest.mark.slow) for one in (SATIN, GLOSS))])
 def test_a_ball_is_that_of_our_own_renderer(content: str, tmp_path: Path) -> None:
     """On black ground, where no light goes from object to object: to 1 % of the mean, in I, Q and U, in nine parts of
     the picture; the sky is seen in the smooth surface, too. The sun's image in it, a twentieth of a pixel wide, is left
