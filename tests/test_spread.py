@@ -71,7 +71,7 @@ def test_page_and_table_have_every_part(painted: vrte.Paint, tmp_path: Path) -> 
 
 
 def test_what_no_other_model_allows_is_told_and_what_is_not_there_is_not_varied() -> None:
-    """Rutile is beyond all models but its own; a phase function has no grains; a film without end hides."""
+    """Rutile is beyond all models but its own; a phase function has no grains; a semi-infinite film hides."""
     white = {"pigment": "rutile", "volume_fraction": 0.15, "binder": "alkyd", "thickness_um": math.inf}
     found = vrte.paint(**white, wavelengths_um=AT, nodes=4, spread=True)
     assert found.spread is not None

@@ -2,7 +2,7 @@
 # thread: where orders are small, what stands between five stages takes longer than the stages.
 
 cdef size_t most_scratch(Arrays* t) noexcept nogil:
-    """Of any of the stages."""
+    """The largest number of doubles of scratch memory that one of the stages asks for."""
     cdef size_t most = max(assemble_job(t).doubles, max(balance_flux_job(t).doubles, homogeneous_job(t).doubles))
     most = max(most, max(particular_job(t).doubles, boundary_job(t).doubles))
     return max(most, max(reconstruct_job(t).doubles, nodal_fluxes_job(t).doubles))

@@ -187,11 +187,11 @@ class Workshop:
         return place
 
     def find_film(self, values: Array) -> Film:
-        """What the film is made of."""
+        """The volumes of pigments and binder of the film that has these values (n,)."""
         return read_film(self.family.content_at(values), self.place, self.family.folder or Path())
 
     def find_cost(self, values: Array) -> float:
-        """What it costs."""
+        """The cost of the film that has these values (n,)."""
         return self.prices.find(self.find_film(values))
 
     def fix_nodes(self, values: Array) -> None:
@@ -239,7 +239,7 @@ class Descent:
 
     @property
     def target(self) -> Target:
-        """What is wanted."""
+        """The readings that are wanted, with their tolerances."""
         return self.workshop.target
 
     def judge(self, place: Array, bent: Array) -> Trial:

@@ -105,14 +105,14 @@ class Prices:
                 raise SceneError.of("cost", f"of {name} needs its density: densities={{{name!r}: ...}} [kg/l]")
 
     def find(self, film: Film) -> float:
-        """What a square metre of film costs, or a litre of one without end: money, or cm3 of pigment."""
+        """What a square metre of film costs, or a litre of a semi-infinite one: money, or cm3 of pigment."""
         if self.per_kg is None:
             return 1e3 * film.litres * math.fsum(film.pigments.values())
         parts = film.parts
         return film.litres * math.fsum(parts[one] * self.densities[one] * each for one, each in self.per_kg.items())
 
     def describe(self, film: Film) -> str:
-        """The unit of that."""
+        """The unit of the cost."""
         what = "cm³ of pigment" if self.per_kg is None else "money"
         return f"{what} a {'m²' if math.isfinite(film.thickness_um) else 'litre of dry film'}"
 

@@ -148,7 +148,7 @@ def register() -> None:
             return dr.select(active, (1.0 - self.find_chance(ctx, x)) * density, 0.0)
 
         def eval_pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
-            """Both."""
+            """The value and the density of `eval` and `pdf`."""
             return self.eval(ctx, si, wo, active), self.pdf(ctx, si, wo, active)
 
         def look(self, view: Any) -> tuple[Any, Any, Any]:
@@ -226,7 +226,7 @@ def register() -> None:
             return lanes
 
         def to_string(self) -> str:
-            """Which file."""
+            """The name of the BSDF and its file."""
             return f"vrte[{self.path}]"
 
     mi.register_bsdf("vrte", VrteBsdf)

@@ -136,7 +136,7 @@ def make_sky_class() -> Any:
             return self.shine(-si.wi)
 
         def bbox(self) -> Any:
-            """None: it is everywhere."""
+            """An empty box: the sky has no place in space."""
             return mi.ScalarBoundingBox3f()
 
         def to_string(self) -> str:
