@@ -76,7 +76,7 @@ CORE = list_faults(
      "fixed points go on from a start that is far from R, which may lead to another fixed point", "iterations"),
     ("under-invariance", "core/invariance.pxi", "share(&one, one.below, r, g, n, down, n)", "set_zero(nr, down)",
      "what a surface sends back down again is lost along the directions that are seen", "interfaces"),
-    ("match-hiding", "fit/match.py", "(goal - value) / HIDING_SCALE", "(value - goal) / HIDING_SCALE",
+    ("match-hiding", "fit/target.py", "(goal - value) / HIDING_SCALE", "(value - goal) / HIDING_SCALE",
      "films that hide too little meet a target", "match"),
     ("photon-turn", "core/photons.h", "m[2][j] = c2 * u - s2 * q;", "m[2][j] = s2 * q - c2 * u;",
      "sign of U where a photon's axis turns", "photons"),

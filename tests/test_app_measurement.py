@@ -9,8 +9,8 @@ import pytest
 
 import vrte
 from vrte.app.form.content import START, Content
-from vrte.app.form.numbers import list_free_numbers, put_values, write_fractions
-from vrte.app.page.measurement_panel import choose_free, find_places
+from vrte.app.form.numbers import list_free_numbers, put_values
+from vrte.app.page.free_numbers import choose_free, find_places
 from vrte.app.solving import measuring
 from vrte.app.solving.measuring import Comparer, describe_measured, fit_scene, is_measurement, list_shown
 from vrte.app.solving.tab_session import TabSession
@@ -177,7 +177,7 @@ def test_the_form_offers_its_numbers_and_takes_values() -> None:
     ends = {one.key: (one.label, one.low, one.high) for one in listed}
     assert ends["layer[2].thickness_um"] == ("layer 2: thickness [µm]", 5.0, 500.0)
     assert ends["base.albedo"][1:] == (0.0, 1.0)
-    assert write_fractions(content)["layer"][1]["volume_fraction"] == 0.15
+    assert vrte.SceneFamily(content, ["layer[2].volume_fraction"]).values.tolist() == [0.15]
     taken = put_values(content, {("particles", "dust", "index", 1): 0.0123456789, ("layer", 1, "volume_fraction"): 0.2})
     assert taken["particles"]["dust"]["index"] == [1.5, 0.0123457]
     assert taken["layer"][1]["volume_fraction"] == 0.2
@@ -212,10 +212,12 @@ def test_a_fit_reports_its_steps_and_its_values_go_to_the_form(data: bytes, monk
     assert_close(found.predicted, ROWS.predict(HAZE), rtol=1e-5, atol=0.0)
     assert 0.0 < found.errors[0] < 0.01
     assert found.page == b"a page"
-    assert put_values(thin, find_places(found)) == HAZE
+    assert put_values(thin, find_places(thin, found.names, found.values)) == HAZE
     kept = Fitted.of_step(Task("", thin, more={"free": FREE}), steps[1], "it died")
     assert np.isnan(kept.errors).all()
-    assert put_values(thin, find_places(kept))["layer"][0]["thickness"] == float(f"{steps[1].values[0]:.6g}")
+    assert put_values(thin, find_places(thin, kept.names, kept.values))["layer"][0]["thickness"] == float(
+        f"{steps[1].values[0]:.6g}"
+    )
 
 
 LONG = {  # some seconds a step

@@ -1,8 +1,10 @@
 """vrte.match: a recipe is found again, the cheapest is the cheapest, what holds a paint back is named, and every fault
 of a target is one sentence."""
 
+import csv
 import math
 import re
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +15,10 @@ import vrte
 from vrte.appearance.gloss import find_gloss
 from vrte.appearance.hiding import Conditions, Drawdown
 from vrte.appearance.panel import make_panel
-from vrte.fit.match import CARDS, bend_curves
 from vrte.fit.recipe import DENSITIES
+from vrte.fit.search import PaintReader, bend_curves
+from vrte.fit.target import CARDS
+from vrte.formats.toml_table import write_toml
 
 from .helpers import close_to, run
 
@@ -86,7 +90,7 @@ def test_prices_weights_and_the_wet_film() -> None:
     assert Drawdown(panel, Conditions()).find_contrast(1.0) == close_to(0.95, rtol=1e-4, atol=0.0)
     text = str(found)
     assert re.search(r"rutile +15\.000 +41\.379 +6\.000 +22\.64", text)
-    assert found._repr_html_().startswith("<div><b>Match</b>")
+    assert ">rutile</td><td>15.000</td>" in found._repr_html_()
     assert "money a m²" in repr(found)
 
 
@@ -101,6 +105,18 @@ def test_what_holds_a_paint_back_is_named(tmp_path: Path) -> None:
         fixed = {"rutile": [0.999 * load, 1.001 * load]}
         there = vrte.match({"paint": WHITE}, fixed, lab=(80.0, 0.0, -40.0), over="white", **QUICK)
         assert blue.difference < there.difference + 1e-3
+    blue.save(tmp_path / "blue.html")
+    page = (tmp_path / "blue.html").read_text("utf-8")
+    assert "wanted and found side by side" in page
+    assert blue.why in page
+    blue.save(tmp_path / "blue.csv")
+    with open(tmp_path / "blue.csv", encoding="utf-8", newline="") as file:
+        rows = {(row["table"], row["row"], row["column"]): row["value"] for row in csv.DictReader(file)}
+    assert rows["target", "b", "wanted"] == "-40"
+    assert float(rows["target", "b", "found"]) == close_to(blue.reached["b"][1], rtol=1e-4, atol=0.0)
+    assert float(rows["recipe [%]", "rutile", "volume"]) == close_to(100.0 * blue.values[0], rtol=1e-3, atol=0.0)
+    with pytest.raises(vrte.SceneError, match=r"must end in \.html or \.csv"):
+        blue.save(tmp_path / "blue.txt")
     thin.write_scene(tmp_path / "thin.toml")
     assert vrte.appearance(tmp_path / "thin.toml", AT, ["45:0"], nodes=6).panel.length_um == close_to(
         20.0, rtol=1e-6, atol=0.0
@@ -135,6 +151,27 @@ def test_a_layer_of_any_scene_is_a_film_and_a_semi_infinite_one_costs_by_the_lit
     assert all(0.5 < one < 20.0 for one in DENSITIES.values())
 
 
+def test_ctrl_c_keeps_the_best_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before any paint was looked at there is none to keep."""
+
+    def interrupt(done: int, total: int) -> None:
+        if done > 0:
+            raise KeyboardInterrupt
+
+    asked = {"contrast_ratio": 0.95, **QUICK, "starts": 2}
+    found = vrte.match({"paint": WHITE}, {"thickness_um": [10.0, 60.0]}, **asked, progress=interrupt)
+    assert found.notes == ("Interrupted: the best so far, which need not be the best there is.",)
+    assert found.starts.shape == (1, 2, 1)
+    assert 10.0 < found.thickness_um < 60.0
+
+    def refuse(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(PaintReader, "fix_nodes", refuse)
+    with pytest.raises(KeyboardInterrupt):
+        vrte.match({"paint": WHITE}, ["thickness_um"], **asked)
+
+
 def test_curvature_is_learned_from_slopes() -> None:
     """A quadratic's in as many steps as there are numbers."""
     curve = np.array([[3.0, 1.0], [1.0, -2.0]])
@@ -149,8 +186,8 @@ GREY = {"pigment": {"rutile": 0.15, "carbon": 0.0}, "binder": [1.5, 0.0], "thick
 REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"free": ["rutil"]}, "free: the scene has no rutil; short names here: rutile, thickness_um"),
     ({"free": {"rutile": [0.3, 0.1]}}, "free: paint.volume_fraction needs low below high, not 0.3 and 0.1"),
-    ({"free": {"rutile": 3}}, "free: rutile takes its bounds, [low, high], or a table of start, low, high and spacing"),
-    ({"free": {"rutile": {"lo": 3}}}, "free: paint.volume_fraction takes a table of start, low, high, spacing"),
+    ({"free": {"rutile": 3}}, "free: paint.volume_fraction takes its bounds, [low, high], or a table of start, low, "),
+    ({"free": {"rutile": {"lo": 3}}}, "free: paint.volume_fraction takes its bounds, [low, high], or a table of start"),
     ({"free": []}, "free must name one or more numbers of the paint"),
     ({"free": ["rutile", "rutile"]}, "free: names paint.volume_fraction comes twice"),
     ({"free": ["roughness"]}, "free: paint.surface.roughness changes facets, and the paint has none"),
@@ -222,6 +259,10 @@ def test_the_command_reads_a_target_and_writes_recipe_and_page(
     ):
         assert run(*line.split()) == 2
         assert words in capsys.readouterr().err
+    whole = {**tomllib.loads(TARGET), "paint": tomllib.loads(FILE)}  # a target that brings its paint
+    (tmp_path / "whole.toml").write_text(write_toml(whole))
+    assert run("paint", "--match", "whole.toml", "--toml", "again.toml") == 0
+    assert (tmp_path / "again.toml").read_text() == (tmp_path / "found.toml").read_text()
     (tmp_path / "target.toml").write_text("glos = 3\n" + TARGET)
     assert run("paint", "white.toml", "--match", "target.toml") == 2
     assert "glos = 3: unknown key" in capsys.readouterr().err

@@ -5,7 +5,8 @@ formulas and tables as the package colour-science has them. Light and observer a
 as a spline between its wavelengths; docs/how_to/appearance.md has the domain, the errors, and how limits were measured.
 """
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
@@ -223,6 +224,13 @@ def find_colour(wavelengths_um: Any, reflectance: Any, illuminant: str = "D65", 
     known_um = float(wavelengths[0]), float(wavelengths[-1])
     below, above = find_shares_beyond(*known_um, illuminant, observer).tolist()
     return _make_colour(weights @ factors, illuminant, observer, known_um, (tuple(below), tuple(above)))
+
+
+def find_colour_of_lab(lab: Sequence[float], illuminant: str = "D65", observer: int = 10) -> Colour:
+    """The colour of L*, a*, b*, with no reflectance behind it."""
+    white = find_white(*check_light(illuminant, observer))
+    xyz = import_colour_science().Lab_to_XYZ(lab, white[:2] / white.sum())
+    return _make_colour(xyz, illuminant, observer, (0.0, math.inf), ((), ()))
 
 
 def estimate_error(wavelengths_um: Any, reflectance: Any, illuminant: str = "D65", observer: int = 10) -> float:

@@ -1,14 +1,14 @@
 """The free numbers of a scene, with bounds and priors, and the residuals of a model as least squares take them."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from vrte.basics.arrays import Array, BoolArray, show_value
+from vrte.basics.arrays import Array, BoolArray, put_in_one_line, show_value
 from vrte.basics.errors import AccuracyError, SceneError
 from vrte.fit.model import Model
 from vrte.formats.toml_table import is_number
@@ -56,13 +56,30 @@ class Parameter:
         return value if self.is_log else 1.0
 
 
+def convert_to_steps(parameters: Sequence[Parameter], values: Iterable[float]) -> Array:
+    """Coordinates (n,) of numbers of the scene."""
+    return np.array([one.convert_to_step(float(value)) for one, value in zip(parameters, values, strict=True)])
+
+
+def convert_to_values(parameters: Sequence[Parameter], steps: Iterable[float]) -> Array:
+    """Numbers of the scene (n,) at coordinates."""
+    return np.array([one.convert_to_value(float(step)) for one, step in zip(parameters, steps, strict=True)])
+
+
+def list_ends(parameters: Sequence[Parameter]) -> Array:
+    """The bounds in coordinates, (n, 2)."""
+    return np.array([[one.convert_to_step(end) for end in (one.low, one.high)] for one in parameters])
+
+
 def read_parameters(
     free: Sequence[str] | Mapping[str, Any],
     bounds: Mapping[str, Any] | None,
     starts: Mapping[str, float],
     allowed: Mapping[str, tuple[float, float]],
+    is_search: bool = False,
 ) -> tuple[Parameter, ...]:
-    """The free numbers; ``starts``: what the scene has, ``allowed``: what it takes. Raises SceneError."""
+    """The free numbers; ``starts``: what the scene has, ``allowed``: what it takes. ``is_search``: what the scene has
+    is moved to the bounds, and steps are in logarithms where the lower one is above 0. Raises SceneError."""
     given = dict(free) if isinstance(free, Mapping) else {name: {} for name in free}
     limits = dict(bounds or {})
     unknown = [name for name in limits if name not in given]
@@ -70,9 +87,12 @@ def read_parameters(
         raise SceneError(f"bounds: {unknown[0]} is not free", "bounds")
     found = []
     for name, entry in given.items():
-        entry = {} if entry is None else {"start": entry} if is_number(entry) else entry
+        entry = {} if entry is None else {"start": entry} if is_number(entry) and not is_search else entry
+        if isinstance(entry, Sequence) and not isinstance(entry, str) and len(entry) == 2:
+            entry = dict(zip(("low", "high"), entry, strict=True))
         if not isinstance(entry, Mapping) or any(key not in KEYS for key in entry):
-            raise SceneError(f"free: {name} takes a table of {', '.join(KEYS)}, not {show_value(entry)}", "free")
+            words = f"takes its bounds, [low, high], or a table of {', '.join(KEYS)}, not {show_value(entry)}"
+            raise SceneError(f"free: {put_in_one_line(name)} {words}", "free")
         pair = limits.get(name, (entry.get("low"), entry.get("high")))
         if name in limits and ("low" in entry or "high" in entry):
             raise SceneError(f"free: {name} has bounds twice, in free and in bounds", "bounds")
@@ -83,7 +103,9 @@ def read_parameters(
         low, high = (
             usual[index] if one is None else read_number(name, KEYS[1 + index], one) for index, one in enumerate(pair)
         )
-        spacing = entry.get("spacing", "linear")
+        if is_search and "start" not in entry and low < high:
+            start = min(max(start, low), high)
+        spacing = entry.get("spacing", "log" if is_search and low > 0.0 else "linear")
         if spacing not in SPACINGS:
             raise SceneError(f"free: {name} has spacing 'linear' or 'log', not {show_value(spacing)}", "free")
         found.append(Parameter(name, start, low, high, spacing == "log"))
@@ -151,16 +173,6 @@ class FitProblem:
     def known(self) -> Array:
         """Which free numbers have a prior (n,)."""
         return ~np.isnan(self.priors[:, 0])
-
-    def find_values(self, steps: Array) -> Array:
-        """Numbers of the scene at coordinates."""
-        pairs = zip(self.parameters, steps.tolist(), strict=True)
-        return np.array([one.convert_to_value(step) for one, step in pairs])
-
-    def find_steps(self, values: Array) -> Array:
-        """Coordinates of numbers of the scene."""
-        pairs = zip(self.parameters, values.tolist(), strict=True)
-        return np.array([one.convert_to_step(value) for one, value in pairs])
 
     def find_point(self, values: Array, with_slopes: bool) -> Point:
         """What the model shows there, remembered. Raises SceneError, AccuracyError."""
@@ -230,7 +242,7 @@ class Descent:
         """Numbers of the scene at coordinates."""
         steps = self.begin.copy()
         steps[self.free] = x
-        return self.problem.find_values(steps)
+        return convert_to_values(self.problem.parameters, steps)
 
     def find_residuals(self, x: Array) -> Array:
         """Of a trial. Raises StaleSlopesError."""
@@ -271,13 +283,13 @@ def fit_residuals(
     these; ``report`` gets each point of a step."""
     from scipy.optimize import least_squares
 
-    start = problem.find_point(problem.find_values(begin), bool(free.any()))  # its errors are not to be swallowed
+    values = convert_to_values(problem.parameters, begin)
+    start = problem.find_point(values, bool(free.any()))  # its errors are not to be swallowed
     if not free.any():
         return start, problem.measure(problem.join(start)), True
     if report is not None:
         report(start)
-    pairs = zip(problem.parameters, free, strict=True)
-    ends = np.array([[one.convert_to_step(end) for end in (one.low, one.high)] for one, is_free in pairs if is_free])
+    ends = list_ends(problem.parameters)[free]
     x = np.clip(begin[free], np.nextafter(ends[:, 0], np.inf), np.nextafter(ends[:, 1], -np.inf))
     how: dict[str, Any] = {"x_scale": "jac", "loss": problem.loss}
     how |= dict.fromkeys(("ftol", "xtol", "gtol"), ENOUGH)

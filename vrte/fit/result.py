@@ -13,8 +13,7 @@ from vrte.basics.views import Figure, view
 from vrte.fit.measurement import Measurement
 from vrte.fit.problem import FitProblem
 from vrte.fit.verdict import Profile, find_correlations, find_profile
-from vrte.formats.atomic import write_text
-from vrte.formats.toml_table import write_toml
+from vrte.formats.scene_file import write_content
 from vrte.scene.scene import Scene
 
 ARRAYS = ("values", "errors", "covariance", "predicted", "sigma", "slopes", "singular_values")
@@ -190,10 +189,7 @@ class Fit:
 
     def write_scene(self, path: str | os.PathLike[str]) -> None:
         """Writes the scene file (.toml) with ``values`` in it, otherwise as it was but for comments."""
-        if not os.fspath(path).lower().endswith(".toml"):
-            raise SceneError(f"the scene file {put_in_one_line(os.fspath(path))} must end in .toml")
-        text = write_toml(self.content())
-        write_text(text, path)
+        write_content(self.content(), path)
 
     def content(self) -> dict[str, Any]:
         """The content of the scene file with ``values`` in it, as TOML has it."""

@@ -24,7 +24,10 @@ from vrte.fit.problem import (
     Parameter,
     Point,
     choose_sigma,
+    convert_to_steps,
+    convert_to_values,
     fit_residuals,
+    list_ends,
     read_parameters,
     read_priors,
 )
@@ -205,10 +208,10 @@ def check_slopes(problem: FitProblem, values: Array) -> None:
 
 def spread_starts(parameters: Sequence[Parameter], count: int, seed: int) -> list[Array]:
     """The given start, and others that share the bounds evenly between them, in coordinates. Raises SceneError."""
-    first = np.array([one.convert_to_step(one.start) for one in parameters])
+    first = convert_to_steps(parameters, [one.start for one in parameters])
     if count == 1:
         return [first]
-    ends = np.array([[one.convert_to_step(end) for end in (one.low, one.high)] for one in parameters])
+    ends = list_ends(parameters)
     for one, pair in zip(parameters, ends, strict=True):
         if not np.isfinite(pair).all():
             above = " above 0" if one.is_log else ""
@@ -234,7 +237,7 @@ class Search:
         if index < len(journal.finished):
             self.keep(problem.find_point(np.array(journal.finished[index].found), True))
             return
-        start = problem.find_values(begin)
+        start = convert_to_values(problem.parameters, begin)
 
         def report(point: Point) -> None:
             nonlocal step
@@ -248,7 +251,7 @@ class Search:
             if progress is not None:
                 progress(min(step, self.most_steps), self.most_steps)
 
-        from_here = begin if journal.here is None else problem.find_steps(np.array(journal.here))
+        from_here = begin if journal.here is None else convert_to_steps(problem.parameters, journal.here)
         everything = np.ones(begin.size, bool)
         point, chi2, converged = fit_residuals(problem, from_here, everything, self.most_steps, report)
         self.keep(problem.find_point(point.values, True))
@@ -281,7 +284,7 @@ class Search:
                            f"than {moved:.2g} sigma")  # fmt: skip
         self.best, self.cost = None, math.inf
         if moved > NODES_MATTER:
-            begin, everything = self.problem.find_steps(values), np.ones(values.size, bool)
+            begin, everything = convert_to_steps(self.problem.parameters, values), np.ones(values.size, bool)
             values = fit_residuals(self.problem, begin, everything, self.most_steps, self.keep)[0].values
         self.keep(self.problem.find_point(values, True))
 

@@ -12,7 +12,7 @@ from vrte.basics.arrays import Array, check_vector, check_whole, make_readonly
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress
 from vrte.fit.measurement import COORDINATES, Measurement
-from vrte.fit.problem import FitProblem, fit_residuals
+from vrte.fit.problem import FitProblem, convert_to_steps, fit_residuals
 from vrte.fit.quantities import QUANTITIES
 
 if TYPE_CHECKING:
@@ -205,7 +205,7 @@ def find_profile(fit: "Fit", name: str, values: Any, points: int, progress: Prog
         begin[index] = grid[k]
         if near is not None:
             begin[others] = found[near]
-        point, cost, _ = fit_residuals(problem, problem.find_steps(begin), others, MOST_STEPS)
+        point, cost, _ = fit_residuals(problem, convert_to_steps(problem.parameters, begin), others, MOST_STEPS)
         found[k], chi2[k] = point.values[others], cost * scale
         if progress is not None:
             progress(done + 1, grid.size)

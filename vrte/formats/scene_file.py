@@ -13,8 +13,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from vrte.basics.arrays import put_in_one_line
 from vrte.basics.errors import Place, SceneError
-from vrte.formats.atomic import read_text
+from vrte.formats.atomic import read_text, write_text
 from vrte.formats.bases import BASES, read_base_table
 from vrte.formats.columns import read_index
 from vrte.formats.flakes import Stack, list_films
@@ -37,7 +38,7 @@ from vrte.formats.keys import (
 from vrte.formats.layers import LAYER, FilledLayer, make_layer, read_layers
 from vrte.formats.materials import WORDS, expand_content, expand_paint, locate_expanded_errors, read_words
 from vrte.formats.particle_sources import HOST, SIZED, SOURCES, Compute, Kinds, make_particles
-from vrte.formats.toml_table import LARGEST_FILE, Table, locate_errors, parse_toml
+from vrte.formats.toml_table import LARGEST_FILE, Table, locate_errors, parse_toml, write_toml
 from vrte.optics.particles import Particles
 from vrte.optics.refractive_index import find_wavelength_range
 from vrte.request.how import AUTO, OPTIONS
@@ -135,6 +136,13 @@ def read_scene(path: str | os.PathLike[str], kind: str | None = None, wavelength
 def read_content(path: str | os.PathLike[str]) -> dict[str, Any]:
     """The keys and tables of a file in TOML, as they are. Raises SceneError where it is none, OSError."""
     return parse_toml(read_text(path, LARGEST_FILE))
+
+
+def write_content(content: Mapping[str, Any], path: str | os.PathLike[str]) -> None:
+    """Writes a scene file (.toml). Raises SceneError, OSError."""
+    if not os.fspath(path).lower().endswith(".toml"):
+        raise SceneError(f"the scene file {put_in_one_line(os.fspath(path))} must end in .toml")
+    write_text(write_toml(dict(content)), path)
 
 
 def read_listed_wavelengths(content: dict[str, Any]) -> list[float] | None:

@@ -297,16 +297,17 @@ def put(content: dict[str, Any], places: Place, value: float | int) -> None:
 
 
 def find_number(content: Mapping[str, Any], places: Place, key: str, default: float | None = None) -> float:
-    """The number at a place, or ``default`` where its table has no such key yet. Raises SceneError, naming ``key``."""
+    """The number at a place, also one in per cent as a text, or ``default`` where its table has no such key yet. Raises
+    SceneError, naming ``key``."""
     try:
         parent: Any = reduce(getitem, places[:-1], cast(Any, content))
         missing = default is not None and isinstance(parent, dict)
         there = parent.get(places[-1], default) if missing else parent[places[-1]]
     except (LookupError, TypeError):
         raise SceneError(f"the scene has no {put_in_one_line(key)}") from None
-    if not is_number(there):
+    if (number := read_fraction(there)) is None:
         raise SceneError(f"{key} is {show_toml(there)}, and only a number can be changed")
-    return float(there)
+    return number
 
 
 @contextmanager

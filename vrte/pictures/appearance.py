@@ -4,7 +4,7 @@ import csv
 import html
 import io
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from vrte.appearance.appearance import COLOURS, VISUAL, InstrumentReading
+from vrte.appearance.colours import Colour
 from vrte.appearance.geometries import METAL_FLAKE, MULTI_ANGLE, read_geometry
 from vrte.appearance.hiding import Hiding
 from vrte.appearance.paint import LOBE_DEG, OF_FILMS, Paint, cut_lobe
@@ -149,16 +150,21 @@ MISSING = PlotPanel([Words("none: see the notes")], bare=True)
 
 def describe_card(paint: Paint) -> PlotPanel:
     """A drawdown card: the film across black and white, its colours as a screen shows them."""
-    shown = list(paint.colours.items())[:2]
+    return describe_swatches(dict([*paint.colours.items()][:2]), "Drawdown card", CARDS)
+
+
+def describe_swatches(shown: Mapping[str, Colour], title: str, below: tuple[str, ...] = ()) -> PlotPanel:
+    """Colours side by side as a screen shows them, with their numbers; ``below``: of the cards that they lie on."""
     parts: list[Any] = []
-    for index, (name, colour) in enumerate(shown):
+    edge = 0.12 if below else 0.0
+    for index, (name, colour) in enumerate(shown.items()):
         width = 1.0 / len(shown)
-        parts += [Swatch(CARDS[index], index * width, 0.0, width, 1.0)]
-        parts += [Swatch(colour.hex, index * width, 0.12, width, 0.76)]
+        parts += [Swatch(card, index * width, 0.0, width, 1.0) for card in below[index : index + 1]]
+        parts += [Swatch(colour.hex, index * width, edge, width, 1.0 - 2.0 * edge)]
         beyond = "" if colour.is_in_gamut else f"\nout of the screen's colours\nby {colour.gamut_gap:.1f} CIEDE2000"
         words = f"{name}\n{colour.hex}\nL* {colour.L:.1f}  a* {colour.a:.1f}  b* {colour.b:.1f}{beyond}"
         parts.append(Words(words, (index + 0.5) * width, colour=INK if colour.L > 55.0 else "white"))
-    return PlotPanel(parts, title="Drawdown card", bare=True)
+    return PlotPanel(parts, title=title, bare=True)
 
 
 def describe_reflectance(paint: Paint) -> PlotPanel:

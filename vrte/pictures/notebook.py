@@ -183,12 +183,6 @@ def show_plan(plan: Plan) -> str:
     return str(plan)[:MOST_BYTES]
 
 
-@show_as_html("Match")
-def show_match(match: Any) -> str:
-    """A recipe, what was wanted and found, and what each number does; the text that `print` gives."""
-    return str(match)
-
-
 def write_html_table(facts: Mapping[str, str]) -> str:
     """An HTML table of names and texts, a row each, both escaped."""
     rows = (

@@ -124,15 +124,6 @@ def suggest_limits(place: Place, value: float) -> tuple[float, float]:
     return min(low, value), max(high, value)
 
 
-def write_fractions(content: Content) -> Content:
-    """The same content with fractions in per cent as numbers, which alone a fit can change."""
-    found = copy.deepcopy(content)
-    for free in list_free_numbers(content):
-        if isinstance(get_value(content, free.place), str):
-            form.put(found, free.place, free.start)
-    return found
-
-
 def put_values(content: Content, values: Mapping[Place, float]) -> Content:
     """The content with these numbers, each to some digits. Raises SceneError where it has no such number any more."""
     found = copy.deepcopy(content)

@@ -9,15 +9,14 @@ import numpy as np
 from nicegui import ui
 
 from vrte.app.form.checks import write_content
-from vrte.app.form.fields import parse_field_text, write_field_text
-from vrte.app.form.numbers import FormNumber, list_free_numbers, put_values, write_fractions
+from vrte.app.form.numbers import list_free_numbers, put_values
 from vrte.app.page import controls
 from vrte.app.page.controls import add_bullets, add_button, add_heading, add_message, add_note, add_table, show
+from vrte.app.page.free_numbers import FreeNumbers, ValueTaker, find_places, replace_keys, write_digits
 from vrte.app.solving import measuring
 from vrte.app.solving.measuring import Compared
 from vrte.app.solving.worker import Fitted, Refused
 from vrte.basics.errors import SceneError
-from vrte.formats.toml_table import is_number
 from vrte.pictures.fit import SCENE, measurement
 
 LOOK_EVERY = 0.1  # seconds between two looks whether something has come
@@ -29,7 +28,6 @@ LEFT_OPEN = "what the file leaves open"
 SUFFIXES, LARGEST = measuring.SUFFIXES, measuring.LARGEST_MEASUREMENT
 TOO_LARGE = f"a measurement must be a file of at most {LARGEST / 1e6:g} MB, {' or '.join(SUFFIXES)}"
 OF_FIT, OF_STEP = "the scene that fits best", "the fit's last step"
-DIGITS = 6
 
 
 class MeasurementPanel:
@@ -37,11 +35,9 @@ class MeasurementPanel:
 
     def __init__(self, results: Any) -> None:
         self.results, self.session, self.view = results, results.session, results.view
-        self.view.setdefault("free", {})
-        self.listed: list[FormNumber] = []
         self.drawn: tuple[Any, ...] = ()  # what the figure and the table show
         self.written: Fitted | None = None  # of which the result is shown
-        self.back: Any = None  # the button to the values before
+        self.taker: ValueTaker | None = None  # of the values that were found
         with ui.row().classes("w-full gap-3 pt-3 items-center"):
             opener = add_button("Open a measurement", "upload_file", None, "outline dense", "px-2")
             opener.on("click", js_handler="() => vrte.pick(vrte.upload)")
@@ -62,7 +58,7 @@ class MeasurementPanel:
                     results.add_plot("measurement")
                 with ui.column().classes("gap-2 no-wrap"):
                     add_heading("What the fit may change")
-                    self.free = ui.element("div")
+                    self.free = FreeNumbers(self.view.setdefault("free", {}))
                     with ui.row().classes("w-full items-center gap-2"):
                         self.fit = add_button("Fit", "insights", self.begin, controls.GO, "vrte-go px-4 mt-1")
                         self.stop = add_button("Stop", "stop", self.end, f"outline {controls.DANGER}")
@@ -73,30 +69,6 @@ class MeasurementPanel:
                     self.result = ui.column().classes("gap-2 vrte-narrow")
             self.details = ui.column().classes("w-full gap-2")
         self.timer = ui.timer(LOOK_EVERY, self.follow, active=False)
-
-    def _draw_free(self) -> None:
-        """A row for each number of the form: whether it may change, its value, its limits."""
-        listed = list_free_numbers(self.session.content)
-        if listed == self.listed:
-            return
-        self.listed = listed
-        self.free.clear()
-        with self.free, add_table("vrte-columns", ["may change", "now", "from", "to"]):
-            for one in listed:
-                given = self.view["free"].get(one.key, {})
-                with ui.element("tr"):
-                    with ui.element("td"):
-                        box = ui.checkbox(one.label, value=bool(given.get("free"))).props("dense size=sm")
-                        box.tooltip(one.key).on_value_change(partial(self.set_free, one.key, "free"))
-                    with ui.element("td"):
-                        ui.label(write_digits(one.start))
-                    for side, words in (("low", "from"), ("high", "to")):
-                        with ui.element("td"):
-                            field = ui.input(value=write_field_text(given.get(side))).classes("vrte-end")
-                            field.on_value_change(partial(self.set_free, one.key, side)).without_auto_validation()
-                            field.props("outlined dense hide-bottom-space debounce=120 maxlength=40")
-                            texts = write_digits(getattr(one, side)), f"{one.label}, {words}"
-                            field.props.update(zip(("placeholder", "aria-label"), texts, strict=True))
 
     # what the user does
 
@@ -126,13 +98,6 @@ class MeasurementPanel:
             self.view["shown"] = shown
             self._show()
 
-    def set_free(self, key: str, side: str, event: Any) -> None:
-        """Whether a number may change, or how far, as it is typed; as far as it is suggested where nothing is."""
-        value = event.value if side == "free" else parse_field_text(str(event.value or ""))
-        self.view["free"].setdefault(key, {})[side] = value
-        if value is None:
-            del self.view["free"][key][side]
-
     def begin(self) -> None:
         """Starts the fit; what keeps it from that is shown."""
         session = self.session
@@ -142,12 +107,11 @@ class MeasurementPanel:
                 raise SceneError(f"the form: {message}")
             if not isinstance(session.beside.answer, Compared) or "measurement" not in self.view:
                 raise SceneError("there is no measurement to fit to")
-            free = choose_free(self.listed, self.view["free"])
-            self.view.pop("before_fit", None)
+            free = self.free.choose()
+            self.view.pop("before_taken", None)
             _, data, suffix = self.view["measurement"]
-            content = write_fractions(session.content)
             more = {"data": data, "suffix": suffix, "free": free, "keywords": self.view.get("keywords", "")}
-            session.start_fit(session.make_task("measuring.fit_scene", content, **more))
+            session.start_fit(session.make_task("measuring.fit_scene", **more))
             self.view["stopped"] = False
             self.timer.activate()
             self.follow()
@@ -158,25 +122,12 @@ class MeasurementPanel:
         self.view["stopped"] = True
         self.status.set_text("stopping")
 
-    def use(self, fitted: Fitted) -> None:
-        """The values that were found go to the form; those of before can come back."""
-        with controls.report_errors(self.failure.set_text):
-            content = put_values(self.session.content, find_places(fitted))
-            self.view["before_fit"] = self.session.content
-            self.results.fill(content)
-
-    def go_back(self) -> None:
-        """The form as it was before the values were taken."""
-        content = self.view.pop("before_fit", None)
-        if content is not None:
-            self.results.fill(content)
-
     # what follows
 
     def refresh(self) -> None:
         """Asks what the form's scene shows beside the measurement, where that is not known yet."""
         session, given = self.session, self.view.get("measurement")
-        self._draw_free()
+        self.free.draw(list_free_numbers(session.content))
         if given is not None:
             content = {key: value for key, value in session.content.items() if key not in ("brdf", "field")}
             task = session.make_task(
@@ -244,7 +195,7 @@ class MeasurementPanel:
             view["shown"] = offered[0]
         step, fitted = self.session.fits.step, self.session.fitted
         predicted, fine, source = compared.predicted, compared.fine, SCENE
-        if fitted is not None and write_fractions(self.session.content) == fitted.content:
+        if fitted is not None and self.session.content == fitted.content:
             predicted, fine, source = fitted.predicted, None, OF_FIT
         elif step is not None and fitted is None:
             predicted, fine, source = step.predicted, None, OF_STEP
@@ -265,11 +216,11 @@ class MeasurementPanel:
     def _write_result(self) -> None:
         """What the fit found, once."""
         fitted = self.session.fitted
-        if self.back is not None:
-            show("before_fit" in self.view, self.back)
+        if self.taker is not None:
+            self.taker.refresh()
         if fitted is self.written:
             return
-        self.written, self.back = fitted, None
+        self.written, self.taker = fitted, None
         self.result.clear()
         self.details.clear()
         if fitted is None:
@@ -285,10 +236,9 @@ class MeasurementPanel:
             add_heading(f"What fits best: χ² = {fitted.chi2:.5g} of {fitted.predicted.size} numbers")
             add_table("vrte-columns", ["number", "began at", "fits best", "± one sigma"], rows)
             with ui.row().classes("gap-2 items-center"):
-                add_button("Take these values", "check", partial(self.use, fitted), controls.GO, "vrte-go px-3")
-                self.back = add_button("Back to those before", "undo", self.go_back, "flat dense")
-                show("before_fit" in self.view, self.back)
-                scene = write_content(put_values(fitted.content, find_places(fitted))).encode()
+                places = find_places(fitted.content, fitted.names, fitted.values)
+                self.taker = ValueTaker(self.results, places, self.failure.set_text)
+                scene = write_content(put_values(fitted.content, places)).encode()
                 files = {"Page of the fit": ("fit.html", fitted.page), "Fitted scene, TOML": ("fitted.toml", scene)}
                 for text, (name, data) in files.items():
                     if data:
@@ -302,39 +252,3 @@ class MeasurementPanel:
                     add_table("vrte-columns whitespace-nowrap", ["", *map(str, range(1, len(names) + 1))], below)
             add_bullets("What these data cannot tell", tuple(replace_keys(one, names) for one in fitted.sentences))
             add_bullets("To be known", tuple(replace_keys(one, names) for one in fitted.notes))
-
-
-def choose_free(listed: list[FormNumber], asked: dict[str, dict[str, Any]]) -> dict[str, dict[str, float]]:
-    """Start, low and high of the numbers that may change, by their keys. Raises SceneError."""
-    found = {}
-    for one in listed:
-        given = asked.get(one.key, {})
-        if not given.get("free"):
-            continue
-        low, high = given.get("low", one.low), given.get("high", one.high)
-        if not is_number(low) or not is_number(high) or not low < high:
-            raise SceneError(f"{one.label}: from and to must be two numbers, the first one smaller")
-        if not low <= one.start <= high:
-            raise SceneError(f"{one.label} is {one.start:g} now, which is not between {low:g} and {high:g}")
-        found[one.key] = {"start": one.start, "low": float(low), "high": float(high)}
-    if not found:
-        raise SceneError("tick at least one number that the fit may change")
-    return found
-
-
-def find_places(fitted: Fitted) -> dict[Any, float]:
-    """The values that were found by their places in the form."""
-    indices = {one.key: one.place for one in list_free_numbers(fitted.content)}
-    return {indices[name]: float(value) for name, value in zip(fitted.names, fitted.values, strict=True)}
-
-
-def replace_keys(sentence: str, names: dict[str, str]) -> str:
-    """A sentence about keys with the words that the form has for them."""
-    for key in sorted(names, key=len, reverse=True):
-        sentence = sentence.replace(key, names[key])
-    return sentence
-
-
-def write_digits(value: float) -> str:
-    """A number as a person reads it: 0.1 + 0.2 is 0.3."""
-    return write_field_text(float(f"{value:.{DIGITS}g}"))

@@ -12,6 +12,7 @@ from vrte.app.form.fields import parse_field_text, translate_message
 from vrte.app.page import controls
 from vrte.app.page.appearance_panel import AppearancePanel
 from vrte.app.page.controls import add_bullets, add_heading, add_message, add_slider, select, show
+from vrte.app.page.match_panel import MatchPanel
 from vrte.app.page.measurement_panel import MeasurementPanel
 from vrte.app.solving.tab_session import TabSession
 from vrte.app.solving.worker import Outcome, Reflectances
@@ -31,6 +32,7 @@ TABS = {  # title and symbol
     "cuts": ("Cuts", "pie_chart_outline"),
     "reflectance": ("Reflectance", "show_chart"),
     "appearance": ("Appearance", "palette"),
+    "match": ("Match", "colorize"),
     "measurement": ("Measurement", "insights"),
     "inside": ("Inside", "vertical_align_center"),
     "scattering": ("Scattering", "grain"),
@@ -68,7 +70,11 @@ SELECTS = {  # of each tab: what is chosen, in words, among what
     "inside": (("inside", "quantity", FIELD_QUANTITIES),),
 }
 OF_BRDF = ("lobe", "cuts", "reflectance")  # tabs that show a BRDF
-LIVE = ("appearance", "measurement")  # tabs of the form's scene, whether it is solved or not
+LIVE = {
+    "appearance": AppearancePanel,
+    "match": MatchPanel,
+    "measurement": MeasurementPanel,
+}  # tabs of the form's scene, whether it is solved or not
 NOTHING = "Describe a scene and press Solve, or open a file; the Gallery has scenes to begin with."
 CHANGED = "The form has changed since this was solved: what is shown here is the scene before."
 SOLVING = "The scene of the form is being solved: what is shown here is the scene before."
@@ -132,7 +138,7 @@ class ResultPanel:
     def _lay_out(self, tab: str) -> None:
         """What a tab holds, empty."""
         if tab in LIVE:
-            self.live[tab] = (AppearancePanel if tab == "appearance" else MeasurementPanel)(self)
+            self.live[tab] = LIVE[tab](self)
             return
         with ui.row().classes("w-full items-center gap-2 pt-2"):
             for key, label, names in SELECTS.get(tab, ()):

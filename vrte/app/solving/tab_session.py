@@ -196,7 +196,8 @@ class TabSession:
     ``parts_read``, which describes parts that are made from files.
 
     It asks worker processes for ``solves``; for the appearance, ``live``, and shows ``beside`` a
-    measurement; for ``fits`` to that, of which ``fitted`` is what the last one found; and for ``looks`` at a part."""
+    measurement; for ``fits`` to that, of which ``fitted`` is what the last one found; for ``matches`` to a target; and
+    for ``looks`` at a part."""
 
     content: Content
     uploads: Uploads = field(default_factory=Uploads)
@@ -208,6 +209,7 @@ class TabSession:
     solves: Query = field(default_factory=Query)
     looks: Query = field(default_factory=Query)
     fits: Query = field(default_factory=Query)
+    matches: Query = field(default_factory=Query)
     live: Query = field(default_factory=lambda: Query(stays=True))
     beside: Query = field(default_factory=lambda: Query(stays=True))
     fitted: Fitted | None = None
@@ -250,7 +252,7 @@ class TabSession:
 
     def rest(self) -> None:
         """Ends the solves whose pages are closed."""
-        for query in (self.solves, self.fits, self.live, self.beside):
+        for query in (self.solves, self.fits, self.matches, self.live, self.beside):
             query.close()
 
     def find_problems(self) -> dict[Place, str]:
