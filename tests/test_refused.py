@@ -600,7 +600,7 @@ FITS: list[Row] = [
     (fit(AT_WAVELENGTHS), "knows no wavelength"),
     (start(start=0.5, high=0.4), "starts at 0.5, outside its bounds 0 and 0.4"),
     (start(low=0.5, high=0.4), "needs low below high"),
-    (start(strat=0.5), "takes its bounds, [low, high], or a table of start, low, high, spacing"),
+    (start(strat=0.5), r"takes its bounds, \[low, high\], or a table of start, low, high, spacing"),
     (start(spacing="even"), "has spacing 'linear' or 'log', not 'even'"),
     (start(start=np.inf), "needs a number as start"),
     (start(low=-1.0, spacing="log"), "with spacing 'log' needs a start above 0"),
