@@ -12,11 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 import pytest
 
 import vrte
 from vrte import cli
 from vrte.formats.contents import Result
+
+HANGS = 300.0  # seconds after which a process counts as hanging: a busy machine needs a minute to start a viewer
 
 
 def assert_same(first: Result, second: Result) -> None:
@@ -76,14 +79,14 @@ def printed_by(program: str, folder: Path, *arguments: object) -> list[str]:
         env={**os.environ, "PYTHONPATH": str(Path(vrte.__file__).parents[1])},
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=HANGS,
     )
     assert (done.returncode, done.stderr) == (0, "")
     return done.stdout.splitlines()
 
 
 def wait_until(
-    condition: Callable[[], Any], seconds: float = 60.0, process: "subprocess.Popen[str] | None" = None
+    condition: Callable[[], Any], seconds: float = HANGS, process: "subprocess.Popen[str] | None" = None
 ) -> None:
     """Waits for a condition, while the process is alive, or fails."""
     end = time.monotonic() + seconds
@@ -91,3 +94,11 @@ def wait_until(
         assert process is None or process.poll() is None, process.communicate()[1]
         assert time.monotonic() < end, "waited in vain"
         time.sleep(0.002)
+
+
+def is_alive(pid: int) -> bool:
+    """Whether there is such a process, and no zombie."""
+    try:
+        return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False

@@ -26,7 +26,7 @@ from vrte.app.solving.worker import EMPTY, Adopted, Outcome, Query, Refused, Tas
 from vrte.exports.polarized import USUAL_UM
 from vrte.formats.toml_table import write_toml
 
-from .helpers import assert_close, close_to, wait_until
+from .helpers import assert_close, close_to, is_alive, wait_until
 from .viewer_server import ROOT, ask, get_process, work
 
 SMALL: form.Content = {
@@ -197,20 +197,13 @@ def test_no_process_is_left_when_the_server_is_killed() -> None:
         "wait_until(lambda: 'Fourier' in query.progress.stage)\n"
         "print(get_process(query).pid, flush=True); time.sleep(60)"
     )
-
-    def is_there(pid: int) -> bool:
-        try:
-            return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
-        except OSError:
-            return False
-
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as server:
         try:
             child = int(server.stdout.readline())
-            assert is_there(child)
+            assert is_alive(child)
         finally:
             server.kill()
-    wait_until(lambda: not is_there(child), 10.0)
+    wait_until(lambda: not is_alive(child))
 
 
 def test_tabs_keep_their_own_until_they_are_too_many() -> None:

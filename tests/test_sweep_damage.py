@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numcodecs
+import psutil
 import pytest
 
 import vrte
@@ -25,7 +26,7 @@ from vrte.sweep import store
 from vrte.sweep.run import SweepWarning
 from vrte.sweep.table import open_table
 
-from .helpers import wait_until
+from .helpers import HANGS, is_alive, wait_until
 
 GOLD = {
     "wavelength_um": 0.55,
@@ -319,12 +320,13 @@ def test_killed_again_and_again(scenes: int, engine: Any, worker: bool, tmp_path
             dead.add(chosen := next(one for _, one in reversed(list_begun()) if one not in dead))
             os.kill(chosen, signal.SIGKILL)
             continue
+        workers = psutil.Process(process.pid).children(recursive=True)
         process.kill()
         process.communicate()
         assert not output.exists(), f"finished before kill {kill + 1}"
-        time.sleep(0.5 if engine else 0.0)  # workers end with the process that started them, a moment later
+        wait_until(lambda workers=workers: not any(is_alive(one.pid) for one in workers))  # type: ignore[misc]
         process = start()
-    _, complaint = process.communicate(timeout=300)
+    _, complaint = process.communicate(timeout=HANGS)
     assert (process.returncode, complaint) == (0, "")
     chunks = [chunk for chunk, _ in list_begun()]
     assert {*chunks} == {*range(scenes // 2)}
