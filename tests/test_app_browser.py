@@ -300,7 +300,7 @@ CONTROLS = """() => {
 EXPECTED = (
     "Gallery|rutile paint|White gloss paint|Chalk|Open|Download|BRDF, NetCDF|Link|Theme|dark|Solve|Cancel|add a layer|"
     "add a surface|add a kind|remove this|alkyd|in degrees|thickness in|radiance field|Accuracy|incident light|Lobe|"
-    "Cuts|Reflectance|Appearance|Begin with a paint|Measurement|Open a measurement|Inside|Scattering|Plan"
+    "Cuts|Reflectance|Appearance|Begin with a paint|Match|Measurement|Open a measurement|Inside|Scattering|Plan"
 )
 
 

@@ -22,7 +22,8 @@ from vrte.app.solving.worker import Refused
 from vrte.formats.materials import list_paints
 
 from .helpers import assert_close, run, wait_until
-from .viewer_server import work
+from .test_app_browser import Tab
+from .viewer_server import viewer, work
 
 LOOKS = {"over": "black", "geometry": "45:0", "illuminant": "D65", "observer": 10}
 THICKNESS = "layer[2].thickness_um"
@@ -77,12 +78,17 @@ def test_what_is_typed_becomes_a_target(white: dict[str, Any]) -> None:
 def test_a_recipe_with_its_files_goes_to_the_form(
     white: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked = collect(contrast_ratio="0.93", starts="1", solids="50") | {"free": {THICKNESS: {"low": 5.0, "high": 40.0}}}
+    colour = {"L": "91", "a": "-1", "b": "-4", "tolerance": "6"}
+    asked = collect(contrast_ratio="0.93", starts="1", solids="50", **colour)
+    asked["free"] = {THICKNESS: {"low": 5.0, "high": 40.0}}
     *reported, found = work(match_scene, white, asked=asked)
     assert isinstance(found, Matched), found
     assert 0.0 <= reported[-1].fraction <= 1.0
     assert found.lines[0] == "target met"
     (length,) = found.values.tolist()
+    assert_close([found.shades["wanted"].numbers[name] for name in "Lab"], [91.0, -1.0, -4.0], rtol=1e-9, atol=1e-9)
+    lab = [float(row[2]) for row in found.tables[1][1:4]]
+    assert_close([found.shades["found"].numbers[name] for name in "Lab"], lab, rtol=1e-4, atol=1e-4)
     taken = put_values(white, find_places(found.content, found.names, found.values))
     look = vrte.appearance({key: taken[key] for key in ("particles", "layer")}, geometries=["45:0"])
     assert_close(look.hiding().contrast_ratio, 0.93, rtol=2e-4, atol=0.0)
@@ -147,3 +153,54 @@ def test_a_match_is_stopped_with_the_best_so_far(white: dict[str, Any]) -> None:
     assert time.monotonic() - begin < 30.0
     assert any("Interrupted" in note for note in session.matches.answer.notes)
     session.leave()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [(1400, 900), (390, 844)], ids=["wide", "narrow"])
+def test_a_target_is_typed_met_and_taken(chromium: Any, tmp_path: Path, size: tuple[int, int]) -> None:
+    """Errors in the words of the tab, a recipe with its files, values to the form and back, a target from a file."""
+    with viewer() as url:
+        tab = Tab(chromium, url, size, accept_downloads=True)
+        tab.page.set_default_timeout(120_000)
+        tab.button("A paint").click()
+        tab.go_to("Match")
+        for act, words in (
+            (lambda: None, "tick at least one number that may change"),
+            (lambda: tab.page.get_by_role("checkbox", name="thickness [µm]").click(), "match needs a target"),
+            (lambda: tab.fill("contrast ratio ≥", "98"), "contrast ratio ≥ must be above 0 and below 1, not 98"),
+            (lambda: tab.fill("gloss 60° [GU]", "x"), "gloss 60° [GU] must be a number, not 'x'"),
+        ):
+            act()
+            tab.rest(400)
+            tab.button("Match").click()
+            tab.says(words)
+        for label, text in (
+            ("contrast ratio ≥", "0,9"), ("gloss 60° [GU]", ""), ("starts", "1"), ("ΔE2000 allowed", "9"),
+            ("L*", "91"), ("a*", "-1"), ("b*", "-4"), ("volume solids [%]", "50"),
+        ):  # fmt: skip
+            tab.fill(label, text)
+        tab.rest(400)
+        tab.button("Match").click()
+        tab.button("Stop").wait_for()
+        tab.says("target met")
+        tab.page.get_by_role("img", name=re.compile("colour wanted: #")).wait_for()
+        assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
+        target = tomllib.loads(tab.download("Target, TOML", tmp_path).read_text("utf-8"))
+        assert (target["contrast_ratio"], target["lab"]) == (0.9, [91, -1, -4])
+        for button, begin in (("Page, HTML", "<!DOCTYPE html>"), ("Numbers, CSV", "table,row,column,value")):
+            assert tab.download(button, tmp_path).read_text("utf-8").startswith(begin)
+        found = tomllib.loads(tab.download("Paint, TOML", tmp_path).read_text("utf-8"))
+        length = found["layer"][1]["thickness_um"]
+        tab.button("Take these values").click()
+        tab.holds("thickness [µm]", f"{length:g}")
+        tab.button("Back to those before").click()
+        tab.holds("thickness [µm]", "60")
+        (tmp_path / "lab.csv").write_text("L*;a*;b*\n88,5;1;2\n")
+        tab.page.locator(".vrte-header input[type=file]").set_input_files(tmp_path / "lab.csv")
+        tab.fill("what the file leaves open", "geometry='8:di', illuminant='D65', observer=10")
+        tab.says("points")
+        tab.go_to("Match")
+        tab.button("From the measurement").click()
+        tab.holds("L*", "88.5")
+        assert tab.wrong == []
+        tab.context.close()

@@ -60,6 +60,15 @@ def test_one_number_of_several_layers_is_fitted() -> None:
     assert layers[0]["thickness"] == close_to(2.0 * layers[1]["thickness"], rtol=1e-12, atol=0.0)
 
 
+def test_bounds_are_a_pair_and_a_number_in_per_cent_is_free() -> None:
+    film = {**FILM, "base": {"kind": "lambertian", "albedo": "20 %"}}
+    found = vrte.fit(measure(), film, {"base.albedo": [0.1, 0.6]}, nodes=4)
+    assert_close(found.values, [0.3], rtol=1e-5, atol=0.0)
+    assert found.problem is not None
+    (number,) = found.problem.parameters
+    assert (number.start, number.low, number.high) == (0.2, 0.1, 0.6)
+
+
 def test_derivatives_are_updated_and_found_anew_where_they_lead_nowhere(monkeypatch: pytest.MonkeyPatch) -> None:
     """Rosenbrock's valley in the place of a scene: (1, 1), with fewer derivatives than trials."""
     problem = vrte.fit(measure(), SCENE, ["layer[1].thickness", "layer[1].albedo"], nodes=4).problem

@@ -230,7 +230,7 @@ def find_colour_of_lab(lab: Sequence[float], illuminant: str = "D65", observer: 
     """The colour of L*, a*, b*, with no reflectance behind it."""
     white = find_white(*check_light(illuminant, observer))
     xyz = import_colour_science().Lab_to_XYZ(lab, white[:2] / white.sum())
-    return _make_colour(xyz, illuminant, observer, (0.0, math.inf), ((), ()))
+    return _make_colour(xyz, illuminant, observer, (0.0, math.inf), ((0.0,) * 3,) * 2)
 
 
 def estimate_error(wavelengths_um: Any, reflectance: Any, illuminant: str = "D65", observer: int = 10) -> float:

@@ -10,7 +10,7 @@ from vrte.basics.errors import SceneError
 from vrte.formats.materials import expand_content
 from vrte.formats.toml_table import read_fraction, suggest_nearest
 
-# kg/l: crystals as handbooks have them, resins and carbon black typical, from memory all of them
+# kg/l, typical values; docs/how_to/appearance.md has which were looked up
 DENSITIES = {
     "rutile": 4.23, "anatase": 3.9, "hematite": 5.25, "zinc oxide": 5.6, "calcite": 2.71, "chalk": 2.71,
     "alumina": 3.97, "silica": 2.2, "carbon": 1.8, "gold": 19.3, "aluminium": 2.7, "mica": 2.8, "water": 1.0,

@@ -89,10 +89,10 @@ def fit(
         ``wavelength_um`` is set to each. What is asked in it, [brdf] and [field], plays no part.
     free : sequence of str, or mapping
         Names of the numbers that change, as in sweeps, "layer[1].thickness", "particles.gold.radius_um", of
-        several layers "layer[dust].thickness"; or by each name a table of ``start``, ``low``, ``high`` and ``spacing``
-        ("linear", or "log" for steps in the logarithm). What is left out is as the scene has it; bounds are those of a
-        base's number where it has some, otherwise 0 below where the start is not, and 1 above for shares
-        such as albedo.
+        several layers "layer[dust].thickness"; or by each name its bounds, [low, high], or a table of ``start``,
+        ``low``, ``high`` and ``spacing`` ("linear", or "log" for steps in the logarithm). What is left out is as the
+        scene has it; bounds are those of a base's number where it has some, otherwise 0 below where the start is not,
+        and 1 above for shares such as albedo.
     priors : mapping, optional
         By names a mean and a standard deviation that are known beforehand: each counts like one more row.
     bounds : mapping, optional
