@@ -200,6 +200,7 @@ def list_calls(made: dict[str, Any]) -> list[Case]:
         (made["fit"].write_scene, {"path": "fit.toml"}),
         (made["match"].paint, {}),
         (made["match"].write_scene, {"path": "match.toml"}),
+        (made["match"].save, {"path": "match.csv"}),
         (made["gradient"].along, {"variation": vrte.Variation("x", 1.0, [1.0], [0.0])}),
         (made["linearized"].jvp, {"variation": "layer[1].thickness"}),
         (made["linearized"].vjp, {"cotangent": np.ones((1, 1, 1, 4, 4))}),

@@ -59,6 +59,21 @@ def show_paint(page: Page) -> None:
     take(page, "viewer_appearance")
 
 
+def show_match(page: Page) -> None:
+    """A white that has to hide, from the white gloss paint."""
+    click(page, "A paint")
+    click(page, "Match", role="tab")
+    target = {"L*": "95", "a*": "-1", "b*": "-2", "contrast ratio ≥": "0.98", "starts": "1", "volume solids [%]": "50"}
+    for label, text in {**target, "volatile, density": "1", "thickness [µm], to": "90"}.items():
+        page.get_by_label(label, exact=True).fill(text)
+    click(page, "thickness [µm]", "rutile: volume fraction", role="checkbox")
+    page.wait_for_timeout(500)
+    click(page, "Match")
+    page.get_by_text("target met").wait_for()
+    page.get_by_role("button", name="Paint, TOML").scroll_into_view_if_needed()
+    take(page, "viewer_match")
+
+
 def show_measurement(page: Page) -> None:
     """A haze measured along a goniometer's arc, with 1 % of noise, and fitted."""
     scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.6), 0.9, THICKNESS)], base=vrte.Lambertian(0.3))
@@ -89,7 +104,7 @@ def main() -> None:
             executable_path=shutil.which("chromium"),
             args=f"--no-sandbox --disable-background-networking {GRAPHICS}".split(),
         )
-        for show in (show_start, show_paint, show_measurement):
+        for show in (show_start, show_paint, show_match, show_measurement):
             page = browser.new_context(viewport=SIZE).new_page()
             page.set_default_timeout(PATIENCE)
             page.goto(address[0])

@@ -201,7 +201,7 @@ class MatchPanel:
                             field = add_cell(self.asked[kind].get(name, ""), usual, f"{name}, {word}")
                             field.on_value_change(partial(self.keep, kind, name))
         with self.costs:
-            ui.label(f"Without prices the volume of pigments is made least. {TYPICAL}").classes("vrte-note")
+            ui.label(f"Without prices the volume of pigments is made least. {TYPICAL}").classes("vrte-note vrte-narrow")
 
     def follow(self) -> None:
         """Looks how far the match is, and what it brought."""
@@ -256,9 +256,9 @@ class MatchPanel:
 
 def split_table(rows: list[list[str]], names: dict[str, str]) -> tuple[list[str], list[list[str]]]:
     """The heads of a table and its rows, each number by the form's name for it."""
-    heads, *below = rows
-    named = [[names.get(name, name.replace("_", " ")), *rest] for name, *rest in below]
-    return [one.replace("_", " ") for one in heads], named
+    known = {**names, **{name: f"{name}*" for name in "Lab"}}
+    heads, *below = [[known.get(cell, cell.replace("_", " ")) for cell in row] for row in rows]
+    return heads, below
 
 
 def list_matched(numbers: list[FormNumber]) -> Iterator[FormNumber]:
