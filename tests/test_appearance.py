@@ -29,7 +29,7 @@ from vrte.appearance.panel import Panel, make_panel
 from vrte.calls.brdfs import run_side_by_side
 
 from .closed_forms import shares, walsh
-from .helpers import assert_close, close_to
+from .helpers import HANGS, assert_close, close_to
 
 TWO, VISIBLE = [0.5, 0.6], np.linspace(0.43, 0.66, 7)
 INDEX = 1.5
@@ -76,7 +76,7 @@ def test_wavelengths_are_the_files_or_the_visible_as_far_as_it_is_known() -> Non
 
 
 def test_calls_side_by_side_keep_their_order_and_end_with_the_first_error() -> None:
-    together = threading.Barrier(2, timeout=30)  # passed only where two are in it at once
+    together = threading.Barrier(2, timeout=HANGS)  # passed only where two are in it at once
     assert run_side_by_side([lambda: (together.wait(), 1)[1], lambda: (together.wait(), 2)[1]], workers=2) == [1, 2]
     stop, ticks = np.zeros(1, np.int32), []
     with pytest.raises(ZeroDivisionError):

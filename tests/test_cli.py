@@ -21,7 +21,7 @@ import pytest
 import vrte
 from vrte.commands import common, solve
 
-from .helpers import close_to, run
+from .helpers import HANGS, close_to, run
 
 LAYER = '[[layer]]\nphase = "rayleigh"\nalbedo = 0.9\nthickness = 1.0\n'
 ASKED = "[brdf]\nmu_i = [0.6, 1.0]\nmu_o = [0.5, 1.0]\nphi_deg = [0, 60, 120, 180]\n[field]\nmu0 = 0.6\ntau = [0, 1]\n"
@@ -340,7 +340,7 @@ def test_a_bar_on_a_terminal_and_a_run_that_is_stopped_leaves_nothing(
     started.send_signal(number)
     with started.stdout:
         assert started.stdout.read() == b""
-    assert started.wait(timeout=60) == code
+    assert started.wait(timeout=HANGS) == code
     with suppress(OSError):  # a terminal whose other end is closed
         while more := os.read(master, 1 << 16):
             shown += more

@@ -321,10 +321,10 @@ def test_memory_is_estimated_before_it_is_taken(
 @pytest.mark.filterwarnings("ignore::vrte.LongSolveWarning")  # of days, were there the memory
 def test_a_request_larger_than_the_memory_is_refused_before_it_starts(request_of: dict[str, Any]) -> None:
     scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0 + 0.01 * k) for k in range(100)])
-    start = time.monotonic()
+    start = time.process_time()
     with pytest.raises(vrte.SceneError, match=r"GB of memory and .* GB are available"):
         exact.radiance(scene, 0.6, time_limit_s=np.inf, **request_of)
-    assert time.monotonic() - start < 2.0
+    assert time.process_time() - start < 2.0
 
 
 @pytest.mark.parametrize("algorithm", ["modes", "doubling"])

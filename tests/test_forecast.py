@@ -63,13 +63,13 @@ LIMITED: dict[str, Callable[[], object]] = {  # calls whose limit is below what 
 
 @pytest.mark.parametrize("kind", LIMITED)
 def test_every_call_has_the_limit(kind: str) -> None:
-    begin = time.perf_counter()
+    begin = time.process_time()
     words = r"^this will take about \d.*most of it for .*" if kind in LONG else "this will take about .*"
     with pytest.raises(
         vrte.SceneError, match=words + r"fewer.*, or go on with time_limit_s above its \S+ s \(math.inf"
     ):
         LIMITED[kind]()
-    assert time.perf_counter() - begin < 5.0
+    assert time.process_time() - begin < 5.0
 
 
 def test_derivatives_have_the_limit(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -233,14 +233,14 @@ def test_brief_solves_are_not_planned_to_be_predicted(monkeypatch: pytest.Monkey
 def test_many_solves_that_take_too_long_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """A thousand solves of a second: no one of them is long."""
     monkeypatch.setitem(cost.RATE, "discrete-ordinates", 1e4)
-    begin = time.perf_counter()
+    begin = time.process_time()
     for call, what in (
         (lambda: vrte.brdfs([THICK] * 1000, 0.5, 0.5, nodes=16, time_limit_s=1000.0), "1000 scenes"),
         (lambda: vrte.spectrum(SCENES, np.linspace(0.4, 0.7, 1000), nodes=16, time_limit_s=100.0), "1000 wavelengths"),
     ):
         with pytest.raises(vrte.SceneError, match=f"this will take about .* for {what} together.*time_limit_s above"):
             call()
-    assert time.perf_counter() - begin < 4.0
+    assert time.process_time() - begin < 4.0
 
 
 def test_a_sweep_is_refused_where_a_limit_is_given_and_counts_what_is_left(
@@ -270,12 +270,12 @@ def test_a_sweep_is_refused_where_a_limit_is_given_and_counts_what_is_left(
 
 def test_the_plan_of_very_many_nodes_is_told_of_at_once() -> None:
     scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.9, terms=1950), 1.0, 1.0)])
-    begin = time.perf_counter()
+    begin = time.process_time()
     with pytest.raises(vrte.SceneError, match="the plan alone, of 1950 orders on 1024 nodes"):
         vrte.brdf(scene, 0.5, 0.5, nodes=1024, time_limit_s=5.0)
     with pytest.raises(vrte.SceneError, match="3 scenes together"):
         vrte.brdfs([scene] * 3, 0.5, 0.5, nodes=1024, time_limit_s=5.0)
-    assert time.perf_counter() - begin < 2.0
+    assert time.process_time() - begin < 2.0
 
 
 @pytest.mark.slow
@@ -295,11 +295,11 @@ def test_predictions_are_about_right(method: str, nodes: int | None) -> None:
     asked = ([0.3, 0.8], [0.2, 0.5, 0.9], [0.0, 90.0, 180.0])
     request = make_request("brdf", scene, *asked, method=method, nodes=nodes)
     seconds = predict_seconds(request, start_run(1))
-    begin = time.perf_counter()
+    begin = time.process_time()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", vrte.LongSolveWarning)
         vrte.brdf(scene, *asked, method=method, threads=1, nodes=nodes)
-    assert 0.1 < (time.perf_counter() - begin) / seconds < 10.0
+    assert 0.1 < (time.process_time() - begin) / seconds < 10.0
 
 
 def test_small_angles_of_many_terms_fit_into_memory() -> None:

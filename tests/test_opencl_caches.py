@@ -22,6 +22,7 @@ from vrte.cl.probe import POCL
 from vrte.cl.session import Session
 
 from .conftest import skip_without_device
+from .helpers import HANGS
 
 BEGIN = """
 import sys
@@ -78,7 +79,7 @@ def started(script: str, home: Path, **changes: str) -> subprocess.Popen[str]:
 
 def finished(process: subprocess.Popen[str]) -> tuple[str, str]:
     """Both outputs of a process that must succeed."""
-    out, err = process.communicate(timeout=120)
+    out, err = process.communicate(timeout=HANGS)
     assert process.returncode == 0, f"exit code {process.returncode}\n{out}\n{err}"
     return out, err
 
@@ -306,7 +307,7 @@ def test_pocl_without_a_linker(pocl: None, tmp_path: Path) -> None:
     home.mkdir()
     index = next(i for i, found in enumerate(device.devices()) if found.platform == POCL)
     compute(home, VRTE_OPENCL_DEVICE=str(index))
-    _, err = started(COMPUTE, home, PATH="/nonexistent", VRTE_OPENCL_DEVICE=str(index)).communicate(timeout=120)
+    _, err = started(COMPUTE, home, PATH="/nonexistent", VRTE_OPENCL_DEVICE=str(index)).communicate(timeout=HANGS)
     assert err.splitlines()[-1] == (
         f"vrte.DeviceError: "
         f"VRTE_OPENCL_DEVICE={index} names a device that does not compute: it finds no linker "

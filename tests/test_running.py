@@ -22,7 +22,7 @@ from vrte.basics.memory import find_available_bytes
 from vrte.basics.running import Run, count_usable_cpus, find_blas_libraries, find_setter, keep_to_one_thread, run_jobs
 from vrte.basics.starting import POLICY
 
-from .helpers import close_to
+from .helpers import HANGS, close_to
 
 
 @contextmanager
@@ -60,7 +60,7 @@ def test_every_job_is_done_once_and_its_answer_is_in_its_place(threads: int) -> 
 
 
 def test_jobs_are_done_side_by_side_each_on_one_thread_and_progress_is_told_by_the_caller() -> None:
-    together, reported = threading.Barrier(3, timeout=10.0), []
+    together, reported = threading.Barrier(3, timeout=HANGS), []
 
     def job(own: Run) -> int:
         together.wait()  # never passed by one thread after another
@@ -128,7 +128,7 @@ assert fork() == {expected}
 def run_program(program: str, **environment: str) -> str:
     """What a process of its own prints, without a policy for threads but one given here."""
     plain = {name: value for name, value in os.environ.items() if name != POLICY} | environment
-    done = subprocess.run([sys.executable, "-c", program], env=plain, capture_output=True, text=True, timeout=60)
+    done = subprocess.run([sys.executable, "-c", program], env=plain, capture_output=True, text=True, timeout=HANGS)
     assert (done.returncode, done.stderr) == (0, "")
     return done.stdout
 
