@@ -5,6 +5,7 @@ import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from vrte.appearance.paint import Paint, note_warnings
 from vrte.appearance.paint import paint as make_paint
 from vrte.appearance.panel import find_wavelengths, read_source
 from vrte.basics.arguments import check_arguments
-from vrte.basics.arrays import Array, check_number, check_whole, make_readonly, show_value
+from vrte.basics.arrays import Array, check_number, check_whole, make_readonly
 from vrte.basics.errors import AccuracyError, SceneError
 from vrte.basics.running import Progress, share_progress
 from vrte.basics.views import view
@@ -26,12 +27,11 @@ from vrte.fit.problem import MOST_STARTS, Parameter, read_parameters
 from vrte.fit.recipe import Ingredient, Prices, find_densities, list_ingredients
 from vrte.fit.run import spread_starts
 from vrte.fit.search import STEP, PaintReader, RecipeSearch, Trial
-from vrte.fit.target import GLOSSES, make_target, read_over
-from vrte.formats.atomic import read_text
-from vrte.formats.materials import PAINT_KEYS, list_paints
+from vrte.fit.target import make_target, read_over
+from vrte.formats.materials import PAINT_KEYS, find_paint
 from vrte.formats.scene_family import SceneFamily
-from vrte.formats.scene_file import write_content
-from vrte.formats.toml_table import LARGEST_FILE, Table, parse_toml, put, split_key, suggest_nearest, write_key
+from vrte.formats.scene_file import read_content, write_content
+from vrte.formats.toml_table import Table, put, split_key, write_key
 from vrte.optics.crowding import CROWDED_UP_TO
 from vrte.request.how import complete_docstring
 
@@ -39,21 +39,6 @@ DIGITS = 6  # of the numbers of a recipe
 AT_BOUND = 1e-4  # of the range
 USUAL_BOUNDS = {"fraction": 10.0, "thickness_um": 5.0}  # factors to either side of the start
 OTHER_BOUNDS, ROUGHNESSES = 2.0, (0.001, 0.6)
-FILE_KEYS = (
-    "paint", "free", "lab", "contrast_ratio", *GLOSSES, "cost", "tolerance", "gloss_tolerance", "over", "geometry",
-    *("illuminant", "observer", "starts", "seed", "densities", "volume_solids", "wavelengths_um", "layer"),
-)  # fmt: skip
-
-
-def find_ready_paint(source: Any) -> Any:
-    """The content of a ready paint by its name; anything else as it is. Raises SceneError for no such paint."""
-    if not isinstance(source, str) or source.endswith(".toml"):
-        return source
-    name, known = " ".join(source.lower().replace("_", " ").replace("-", " ").split()), list_paints()
-    if name not in known:
-        words = f"must be a scene file (.toml), its content or a ready paint, {', '.join(known)}"
-        raise SceneError.of("paint", f"{words}, not {show_value(source)}{suggest_nearest(name, known)}")
-    return known[name].content
 
 
 def list_short_names(content: Mapping[str, Any]) -> dict[str, str]:
@@ -344,7 +329,9 @@ def match(
     folder = Path(folder)
     if isinstance(paint, SceneFamily):
         paint, folder = paint.source, paint.folder or folder  # type: ignore[assignment]
-    if not isinstance(paint := find_ready_paint(paint), str | os.PathLike | Mapping):
+    if isinstance(paint, str) and not paint.endswith(".toml"):
+        paint = find_paint(paint).content
+    if not isinstance(paint, str | os.PathLike | Mapping):
         raise SceneError.of("paint", "must be a scene file, its content or a ready paint: a vrte.Scene has no pigments")
     content, folder = read_source(paint, folder)
     typed = list(free)
@@ -469,7 +456,8 @@ def match_file(
 ) -> Match:
     """The match of a target file (.toml), whose keys are keywords of `vrte.match`; ``scene``: the file of the paint,
     where the target does not name it. Raises SceneError, OSError."""
-    table = Table((), parse_toml(read_text(Path(path), LARGEST_FILE)), FILE_KEYS)
+    keys = (name for name in signature(match).parameters if name not in ("folder", "progress"))
+    table = Table((), read_content(path), tuple(keys))
     asked = dict(table.content)
     named, folder = asked.pop("paint", None), Path(path).parent
     if (named is None) == (scene is None):

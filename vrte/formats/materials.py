@@ -15,6 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from vrte.basics.arrays import show_value
 from vrte.basics.errors import Place, SceneError
 from vrte.formats.atomic import read_text
 from vrte.formats.bases import INTERFACE
@@ -114,10 +115,23 @@ def read_material_file(path: Path, name: str) -> ReadyMaterial:
     return found
 
 
-def find_material(name: str) -> ReadyMaterial | None:
-    """A ready material by its name, capitals, hyphens and underscores aside."""
-    plain = {known.replace("-", " "): material for known, material in list_materials().items()}
+def find_named(name: str, listed: Mapping[str, ReadyMaterial]) -> ReadyMaterial | None:
+    """One of these by its name, capitals, hyphens and underscores aside."""
+    plain = {known.replace("-", " "): one for known, one in listed.items()}
     return plain.get(" ".join(re.split("[-_ ]+", name.lower())))
+
+
+def find_material(name: str) -> ReadyMaterial | None:
+    """A ready material by its name."""
+    return find_named(name, list_materials())
+
+
+def find_paint(name: str) -> ReadyMaterial:
+    """A ready paint by its name. Raises SceneError for no such paint."""
+    if (found := find_named(name, list_paints())) is None:
+        words = f"must be a scene file (.toml), its content or a ready paint, {', '.join(list_paints())}"
+        raise SceneError.of("paint", f"{words}, not {show_value(name)}{suggest_nearest(name, list_paints())}")
+    return found
 
 
 def choose_material(layer: Table, folder: Path) -> ReadyMaterial:
