@@ -89,7 +89,7 @@ MATTER: dict[str, Callable[[], Particles | PhaseMatrix]] = {
     "clear spheres": lambda: spheres(1.5, size=Gamma(0.3, 0.1), wavelength_um=0.55),
     "gold powder": lambda: spheres((1.658, 1.956), radius_um=0.6, wavelength_um=0.4),
     "red gold powder": lambda: spheres("gold", radius_um=0.3, wavelength_um=0.64),
-    "rutile": lambda: spheres("rutile", size=Gamma(0.12, 0.1), wavelength_um=0.55),
+    "rutile": lambda: spheres(2.7533359265887323, size=Gamma(0.12, 0.1), wavelength_um=0.55),  # n alone: it conserves
     "coarse pigment": lambda: spheres(2.7, size=Gamma(1.0, 0.05), wavelength_um=0.55, host_index=1.5),
     "droplets": lambda: spheres(1.33, size=Gamma(3.0, 0.1), wavelength_um=0.865),
     "droplets, scalar": lambda: PhaseMatrix(

@@ -69,7 +69,7 @@ def test_a_film_is_made_thicker_and_put_over_other_bases() -> None:
 def test_wavelengths_are_the_files_or_the_visible_as_far_as_it_is_known() -> None:
     assert make_panel({"layer": [FILM]}).wavelength_um[[0, -1]].tolist() == [0.4, 0.7]
     assert make_panel({"layer": [FILM], "wavelength_um": [0.45, 0.5]}).wavelength_um.tolist() == [0.45, 0.5]
-    grains = {"r": {"index": "rutile", "radius_um": 0.01}}
+    grains = {"r": {"index": "main/TiO2/Devore-o", "radius_um": 0.01}}
     panel = make_panel({"particles": grains, "layer": [{"particles": "r", "thickness": 1.0}]})
     assert panel.wavelength_um[[0, -1]].tolist() == [0.43, 0.7]
     assert make_panel(panel, nodes=5).asked["nodes"] == 5

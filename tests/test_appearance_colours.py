@@ -124,7 +124,7 @@ def test_chroma_hue_and_what_a_screen_shows_instead() -> None:
 
 
 def test_what_lies_beyond_the_wavelengths_is_told() -> None:
-    """Rutile's index begins at 0.43 um: 15 % of Z is taken as there."""
+    """Where a spectrum begins at 0.43 um, 15 % of Z is taken as there."""
     short = find_colour(np.linspace(0.43, 0.70, 16), np.full(16, 0.8))
     assert short.extrapolation == "X 4 %, Z 15 % below 0.43 µm, taken as at 0.43"
     assert short.beyond[0][2] == close_to(0.153, rtol=0.0, atol=1e-3)

@@ -99,7 +99,7 @@ REFUSED = [  # a command line, words of the complaint, and of the page that says
     ("material gold --wavelength-um 600", "did you mean 0.6?"),
     ("material gold --wavelength-um x", "invalid float value: 'x'"),
     ("material gold --range-um 0.7:0.5:3", "must be LOW:HIGH:COUNT, ascending"),
-    ("material rutile --range-um 0.3:0.7:5", "goes from 0.43 to 1.53 um; a wavelength of 0.3 um is outside"),
+    ("material rutile --range-um 0.3:0.7:5", "rutile goes from 0.36 to 1.53 um; a wavelength of 0.3 um is outside"),
     ("material gold --wavelength-um 0.6 --host-index 1.5", "--host-index says what is around spheres"),
     ("material gold --wavelength-um 0.6 --scene a.toml", "--scene goes with ready materials"),
     ("material chalk --radius-um 1", "--radius-um goes with substances, not with ready materials"),

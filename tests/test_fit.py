@@ -129,10 +129,10 @@ def test_a_bare_base_is_fitted_to_values_below_0() -> None:
 
 
 def test_colours_of_a_substance_that_is_not_known_everywhere() -> None:
-    """Rutile's index begins at 0.43 um: colours are worked out from there, as those of `vrte.appearance`."""
+    """The table begins at 0.43 um: colours are worked out from there, as those of `vrte.appearance`."""
     paint = {
         "nodes": 4,
-        "particles": {"white": {"index": "rutile", "radius_um": 0.1}},
+        "particles": {"white": {"index": "main/TiO2/Devore-o", "radius_um": 0.1}},
         "layer": [{"particles": "white", "host_index": 1.5, "thickness": 9.0}],
         "base": {"kind": "lambertian", "albedo": 0.1},
     }

@@ -56,13 +56,27 @@ def test_indices_are_those_of_their_tables() -> None:
     assert refractive_index("zinc_oxide", 0.6) == refractive_index("zinc oxide", 0.6)
     for name, book in (("hematite", "Fe2O3/Querry"), ("rutile", "TiO2/Devore")):
         o, e = (refractive_index(f"main/{book}-{ray}", 0.55).value for ray in "oe")
-        mean = refractive_index(name, 0.55)
-        assert mean.value**2 == close_to((2 * o**2 + e**2) / 3, rtol=1e-6, atol=0.0)
+        mean, absorbed = refractive_index(name, 0.55), 1e-5j if name == "rutile" else 0.0
+        assert mean.value**2 == close_to((2 * (o + absorbed) ** 2 + (e + absorbed) ** 2) / 3, rtol=1e-6, atol=0.0)
         assert "mean permittivity (2 o + e)/3" in mean.source
     assert refractive_index(1.5, 0.5) == RefractiveIndex(1.5, 0.0, "given")
     for given in (1.5 + 0.01j, (1.5, 0.01), np.array([1.5, 0.01])):
         assert refractive_index(given, 0.5).value == 1.5 + 0.01j
     assert refractive_index(gold, 0.5) == gold
+
+
+def test_rutiles_formulas_go_on_below_their_range_and_its_absorption_is_published_values_and_tails() -> None:
+    """n, k of Ribarsky in Palik (1985), the ordinary ray at 0.400 and 0.358 um, the other at 0.400 and 0.360 um; k of
+    0.008 at 0.402 um, and between its rows the same factor for each step of photon energy."""
+    for wavelength, n, within in ((0.4, (2 * 3.00 + 3.40) / 3, 0.01), (0.36, (2 * 3.38 + 3.87) / 3, 0.08)):
+        assert refractive_index("rutile", wavelength).n == close_to(n, rtol=0.0, atol=within)
+    for wavelength, k in ((0.36, (2 * 0.11 + 0.251) / 3), (0.402, 0.008), (0.45, 1e-5), (0.7, 1e-5)):
+        assert refractive_index("rutile", wavelength).k == close_to(k, rtol=0.02, atol=0.0)
+    energies = np.linspace(1.0 / 0.45, 1.0 / 0.402, 5)
+    k = np.array([refractive_index("rutile", 1.0 / energy).k for energy in energies])
+    assert_close(k[1:] / k[:-1], np.full(4, 800.0**0.25), rtol=1e-3, atol=0.0)
+    with pytest.raises(vrte.SceneError, match=r"rutile goes from 0\.36 to 1\.53 um; a wavelength of 0\.35 um is"):
+        refractive_index("rutile", 0.35)
 
 
 OFFLINE = """

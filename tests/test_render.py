@@ -355,7 +355,13 @@ def test_bad_tables_are_named(render: Command) -> None:
             render.material(f"{PLAIN}[render]\n{text}\n")
 
 
-RUTILE = '[particles.white]\nindex = "rutile"\nradius_um = 0.1\n[[layer]]\nparticles = "white"\nthickness = 9.0\n'
+SHORT = """[particles.white]
+index = "main/TiO2/Devore-o"
+radius_um = 0.1
+[[layer]]
+particles = "white"
+thickness = 9.0
+"""
 
 
 def test_what_cannot_be_one_picture_is_named_in_a_line(render: Command) -> None:
@@ -363,22 +369,22 @@ def test_what_cannot_be_one_picture_is_named_in_a_line(render: Command) -> None:
     assert "absent.toml: No such file" in render(render.folder / "absent.toml", code=2)
     scenes = [render.scene(f"{PLAIN}[render]\nexposure = {name}", name) for name in ("1", "2")]
     assert "render.exposure = 2.0: " in render(*scenes, code=2)
-    printed = render(render.scene(RUTILE + "[render]\nwavelengths_um = [0.4, 0.5]\n"), code=2)
+    printed = render(render.scene(SHORT + "[render]\nwavelengths_um = [0.4, 0.5]\n"), code=2)
     assert "goes from 0.43 to 1.53 um" in printed
     assert "[render] wavelengths_um can name others" in printed
 
 
 def test_wavelengths_end_where_the_substance_is_known_no_further(render: Command) -> None:
     """The spectrum is not extrapolated: what the picture takes beyond is said."""
-    rutile, table = render.material(RUTILE), render.folder / "own.csv"
-    assert_close(rutile.wavelengths_um, np.linspace(0.43, 0.70, 9), rtol=0.0, atol=1e-6)
-    assert rutile.note == "the table of rutile begins at 0.43 um: beyond, the spectrum stays as it is there"
+    white, table = render.material(SHORT), render.folder / "own.csv"
+    assert_close(white.wavelengths_um, np.linspace(0.43, 0.70, 9), rtol=0.0, atol=1e-6)
+    assert white.note == "the table of main/TiO2/Devore-o begins at 0.43 um: beyond, the spectrum stays as it is there"
     table.write_text("wavelength_nm,n\n450,1.5\n650,1.5\n")
-    own = RUTILE.replace('"rutile"', '"own.csv"')
+    own = SHORT.replace('"main/TiO2/Devore-o"', '"own.csv"')
     clay = render.material(own, 11)
     assert_close(clay.wavelengths_um, np.linspace(0.45, 0.65, 11), rtol=0.0, atol=1e-6)
     assert "own.csv begins at 0.45 um and ends at 0.65 um" in clay.note
-    assert render.material("wavelength_um = [0.5, 0.6]\n" + RUTILE).wavelengths_um.tolist() == [0.5, 0.6]
+    assert render.material("wavelength_um = [0.5, 0.6]\n" + SHORT).wavelengths_um.tolist() == [0.5, 0.6]
     table.write_text("wavelength_um,n\n1,1.5\n2,1.5\n")
     with pytest.raises(SceneError, match=r"own\.csv goes from 1 to 2 um: nothing of 0\.4 to 0\.7 um"):
         render.material(own)

@@ -345,7 +345,7 @@ def test_tables_and_wavelengths_of_media_are_found() -> None:
         "particles.dust.shell": "clay.csv",
         "particles.clay.size.table": "sizes.csv",
     }
-    assert find_known_wavelengths(change(MEDIA, {"layer": [between(1.0, "rutile")]})) == (0.43, 1.53, "rutile")
+    assert find_known_wavelengths(change(MEDIA, {"layer": [between(1.0, "rutile")]})) == (0.36, 1.53, "rutile")
 
 
 # ---- what is wrong
@@ -387,7 +387,7 @@ GOLDS: Rows = [
     ({"layer[1].particles": {"gold": 1, "x": 2}}, "no table [particles.x]. Defined: gold"),
     ({"layer[1].particles": {"gold": -1}}, "layer[1].particles.gold = -1: must be a number fraction >= 0"),
     ({"layer[1].particles": {"gold": 0}}, "layer[1].particles = { gold = 0 }: at least one number fraction"),
-    ({"wavelength_um": 640.0}, "particles.gold.index: the table main/Au/Johnson goes from"),
+    ({"wavelength_um": 640.0}, "particles.gold.index: gold goes from"),
     ({"wavelength_um": -1}, "particles.gold: wavelength_um must be"),
     ({"brdf.angle_i_deg": 3}, "brdf: exactly one of mu_i and angle_i_deg is needed"),
     ({"brdf": {"angle_i_deg": [9, 90]}}, "brdf.angle_i_deg = [9, 90]: must be degrees from the normal"),
@@ -447,7 +447,7 @@ HOSTS: Rows = [
         {"particles.beads.host_index": 1.5, "layer[1].host_index": 1.4},
         "layer[1].host_index = 1.4: particles.beads has a host_index of its own: give it once",
     ),
-    ({"layer": [between("rutile", 1.0)], "wavelength_um": 0.4}, "layer[1].interface.above: the table main/TiO2/"),
+    ({"layer": [between("zinc oxide", 1.0)], "wavelength_um": 0.4}, "layer[1].interface.above: zinc oxide goes"),
 ]
 WRONG = [
     *((GOLD, changes, words) for changes, words in GOLDS),

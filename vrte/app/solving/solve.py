@@ -178,7 +178,7 @@ def compute_colours(wavelength_um: Array, curves: dict[str, Array]) -> tuple[dic
     """Colours (mu_i,) of curves (wavelength, mu_i) in sunlight, white where the reflectance is 1; or why none."""
     if wavelength_um.size < FEWEST or wavelength_um[0] > FROM_UM or wavelength_um[-1] < TO_UM:
         ends = f"from {FROM_UM:g} µm or less to {TO_UM:g} µm or more"
-        return {}, f"A colour needs at least {FEWEST} wavelengths, {ends}: type 0.43:0.7:7."
+        return {}, f"A colour needs at least {FEWEST} wavelengths, {ends}: type 0.4:0.7:9."
     from vrte.render.sky import make_film, weigh_wavelengths
 
     try:
