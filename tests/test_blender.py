@@ -51,9 +51,11 @@ def render_furnace(values: dict[str, str], mu: float, folder: Path) -> Any:
 @pytest.mark.parametrize(
     ("numbers", "off"),
     [
-        pytest.param([0.24, 0.087, 0.068, 0.32, 1.5, 0.0], 0.02, id="satin red paint"),
-        pytest.param([0.9, 0.6, 0.2, 0.4, 1.5, 1.0], 0.11, id="rough gold"),  # Blender gives back what facets hide
-        pytest.param([0.8, 0.8, 0.8, 0.9, 1.0001, 0.0], 5e-3, id="white diffuser"),
+        pytest.param([0.24, 0.087, 0.068, 0.32, 1.5, 0.0, 0.0, 1.6], 0.02, id="satin red paint"),
+        pytest.param(
+            [0.9, 0.6, 0.2, 0.4, 1.5, 1.0, 0.0, 1.6], 0.11, id="rough gold"
+        ),  # Blender gives back what facets hide
+        pytest.param([0.8, 0.8, 0.8, 0.9, 1.0001, 0.0, 0.0, 1.6], 5e-3, id="white diffuser"),
     ],
 )
 def test_blender_reflects_as_much_as_the_file_says(numbers: list[float], off: float, tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from docs.scripts.commands import write_page as write_commands_page
 from docs.scripts.kinds import write_page
 from tests import exact
 from vrte import _core
+from vrte.basics.llvm import OLDEST, prepare_llvm
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -184,6 +185,8 @@ def test_a_notebook_runs_and_its_findings_hold(path: Path, tmp_path: Path) -> No
     assert f"../images/notebooks/{path.stem}.png" in page
     if path.stem == "mitsuba_renderer":
         pytest.importorskip("mitsuba")
+        if not prepare_llvm():
+            pytest.skip(f"no LLVM of version {OLDEST} or newer")
     environment = {**os.environ, "MPLBACKEND": "Agg", "HOME": str(tmp_path), "MPLCONFIGDIR": str(tmp_path)}
     environment["PYTHONPATH"] = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
     start = (

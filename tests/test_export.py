@@ -229,7 +229,7 @@ def test_errors_are_words() -> None:
     assert "reflectance off by 3.0e-03 at most; reciprocal to 4.0e-03 for 95%" in str(done)
 
 
-NUMBERS = {"principled": [0.6, 0.3, 0.1, 0.4, 1.6, 0.3, 0.25], "openpbr": [0.6, 0.3, 0.1, 0.4, 1.6, 0.3]}
+NUMBERS = {"principled": [0.6, 0.3, 0.1, 0.4, 1.6, 0.3, 0.25], "openpbr": [0.6, 0.3, 0.1, 0.4, 1.6, 0.3, 0.0, 1.6]}
 
 
 def draw_pairs(count: int) -> tuple[Array, Array]:
@@ -257,16 +257,17 @@ def test_principled_is_that_of_mitsuba(tmp_path: Path) -> None:
         assert_close(wanted, seen, rtol=1e-5, atol=0.0)
 
 
-def test_openpbr_sends_back_no_more_than_comes() -> None:
-    """A white base under facets, in even light: what facets let through towards the eye and the base sends back, all
-    but what they hide. Of one beam more may come back, since the model is not reciprocal."""
+@pytest.mark.parametrize("coat", [0.0, 1.0])
+def test_openpbr_sends_back_no_more_than_comes(coat: float) -> None:
+    """A white base under facets, or under a coat, in even light: what they let through towards the eye and the base
+    sends back, all but what they hide. Of one beam more may come back, since the model is not reciprocal."""
 
     class Even:
         def evaluate(self, mu_i: Array, mu_o: Array, phi: Array) -> Array:
             """The model's BRDF with light and eye swapped."""
             at = fitted.Geometry.of(*make_pairs(mu_i[:, None], mu_o, phi))
             swapped = replace(at, mu_i=at.mu_o, mu_o=at.mu_i)
-            found = fitted.shade_openpbr(np.array([1.0, 1.0, 1.0, 0.3, 1.5, 0.0]), swapped)
+            found = fitted.shade_openpbr(np.array([1.0, 1.0, 1.0, 0.3, 1.5, 0.0, coat, 1.5]), swapped)
             return found.reshape(*mu_o.shape, 3, 1, 1)
 
         def write(self, path: Path, text: str) -> None:
@@ -276,15 +277,27 @@ def test_openpbr_sends_back_no_more_than_comes() -> None:
     assert_close(reflected, 1.0, rtol=0.0, atol=2e-3)
 
 
-@pytest.mark.parametrize("model", [fitted.PRINCIPLED, fitted.OPENPBR], ids=["principled", "openpbr"])
-def test_a_fit_finds_the_numbers_of_its_own_model(model: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    numbers = np.array(NUMBERS["principled" if model is fitted.PRINCIPLED else "openpbr"])
-    monkeypatch.setattr(
-        fitted, "follow_intensities", lambda *_: lambda *pairs: model.shade(numbers, fitted.Geometry.of(*pairs))
-    )
+@pytest.mark.parametrize(
+    ("model", "numbers", "smooth"),
+    [
+        (fitted.PRINCIPLED, NUMBERS["principled"], None),
+        (fitted.OPENPBR, NUMBERS["openpbr"], None),
+        (fitted.OPENPBR, [0.6, 0.3, 0.1, 0.5, 1.8, 0.7, 1.0, 1.5], 1.5),
+    ],
+    ids=["principled", "openpbr", "coat"],
+)
+def test_a_fit_finds_the_numbers_of_its_own_model(
+    model: Any, numbers: Any, smooth: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def shade(*pairs: Array) -> Array:
+        at = fitted.Geometry.of(*pairs)
+        mirrored = 0.0 if smooth is None else fitted.shade_mirror(smooth, at)[:, None]
+        return np.asarray(model.shade(np.array(numbers), at) - mirrored)
+
+    monkeypatch.setattr(fitted, "follow_intensities", lambda *_: shade)
     monkeypatch.setattr(fitted, "weigh_channels", lambda _: np.eye(3))
     spectrum = vrte.spectrum({**GREY, "nodes": 2, "brdf": {"mu_i": 1.0, "mu_o": 1.0}}, [0.5])
-    found = fitted.fit_model(model, spectrum, [None])
+    found = fitted.fit_model(model, spectrum, [None], smooth)
     assert_close(found.numbers, numbers, rtol=0.0, atol=5e-3)
     assert found.most < 0.05
 

@@ -137,6 +137,15 @@ def test_scalar_variants_are_those_of_llvm(variant: str, files: dict[str, str]) 
         assert_close(np.array(weight), found[2][..., n], rtol=1e-3, atol=1e-6)
 
 
+def test_an_older_llvm_is_an_error_and_no_end_of_the_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    set_variant("llvm_ad_rgb")
+    from vrte.mitsuba import bsdf
+
+    monkeypatch.setattr(bsdf, "OLDEST", 99)
+    with pytest.raises(ImportError, match=r"has loaded LLVM [\d.]+, .*: import vrte\.mitsuba before mitsuba"):
+        bsdf.register()
+
+
 @pytest.mark.parametrize("name", ["gold", "satin", "gloss"])
 @pytest.mark.parametrize("angle", [0.0, 30.0, 75.0])
 def test_directions_have_their_density(name: str, angle: float, files: dict[str, str]) -> None:

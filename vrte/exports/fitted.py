@@ -5,8 +5,9 @@ the density of facets, G Smith's factors, F Fresnel's reflectance and d the angl
 vector, what facets reflect is F D G/(4 mu_i mu_o); a metal has F = c + (1 - c)(1 - cos d)^5, c its colour. Below the
 facets of a dielectric lies a diffuse base: Burley's for ``principled`` (Burley 2012 and 2015), flattened by
 ``flatness`` towards one that is scattered below the surface; for OpenPBR a Lambertian one, times what facets do not
-reflect towards the eye. The fit is by least squares of CIEDE2000 between the colours, in D65, of BRDF times cosine of
-incidence, at half vectors that crowd at the normal as lobes of facets do.
+reflect towards the eye. OpenPBR's coat is a second surface over all that: it mirrors, takes what it mirrors from what
+lies below, and darkens that. The fit is by least squares of CIEDE2000 between the colours, in D65, of BRDF times cosine
+of incidence, at half vectors that crowd at the normal as lobes of facets do.
 """
 
 import json
@@ -33,6 +34,9 @@ LEAST_ALPHA = 0.001  # of facets: Mitsuba's own limit, and ours
 COMPARED = 0.15, 0.3, 0.5, 0.7, 0.85, 1.0  # cosines of incidence
 HALVES = 20, 12  # half vectors and their azimuths, half a turn
 INDICES = 1.01, 3.0
+COAT_INDEX = 1.6  # OpenPBR's own, where there is no coat
+METALS = 0.02, 0.9  # metalnesses that a fit starts from
+COAT_GAIN = 0.8  # of the sum of squares: a coat is taken where it brings at least that much
 NOTE = (
     "a fit: colours are linear sRGB (Rec. 709 primaries), a perfect white diffuser in D65 at 1 (2 degrees observer); "
     "by least squares of CIEDE2000 of BRDF times cosine of incidence"
@@ -58,12 +62,14 @@ class Geometry:
 @dataclass(frozen=True)
 class Model:
     """``shade`` is its BRDF (n, 3) [sr-1] of numbers, colour first, and a geometry; ``names`` are those of the numbers
-    after the colour, ``highest`` their upper limits."""
+    after the colour: roughness, index, metalness, and others that start at ``rest``; ``coat``: these are the weight and
+    the index of a coat, which are not fitted."""
 
     title: str
     colour: str
     names: tuple[str, ...]
-    highest: tuple[float, ...]
+    rest: tuple[float, ...]
+    coat: bool
     shade: Callable[[Array, Geometry], Array]
     print_file: Callable[[dict[str, Any], str], str]
 
@@ -102,14 +108,27 @@ def shade_principled(numbers: Array, at: Geometry) -> Array:
 
 
 def shade_openpbr(numbers: Array, at: Geometry) -> Array:
-    """OpenPBR's opaque base without coat, fuzz, film and roughness of the diffuse base."""
-    colour, (roughness, index, metalness) = numbers[:3], numbers[3:]
+    """OpenPBR's opaque base, and a smooth coat, without fuzz, film and roughness of the diffuse base."""
+    colour, (roughness, index, metalness, coat, coat_index) = numbers[:3], numbers[3:]
+    index = coat * max(index / coat_index, coat_index / index) + (1.0 - coat) * index
     alpha, mu = find_alpha(roughness), np.linspace(0.02, 1.0, 25)
     facets = RoughSurface(1.0, float(index), alpha, "ggx", shadowing=True)
-    smooth = alpha <= LEAST_ALPHA
+    smooth = alpha <= LEAST_ALPHA or index == 1.0
     reflected = reflect_smooth(index, mu)[:, 0, 0] if smooth else share_energy(facets, mu)[0]
     base = (1.0 - metalness) / np.pi * (1.0 - np.interp(at.mu_o, mu, reflected))
-    return colour * base[:, None] + shade_surface(colour, alpha, index, metalness, at)
+    shaded = colour * base[:, None] + shade_surface(colour, alpha, index, metalness, at)
+    if coat == 0.0:
+        return shaded
+    # light that the coat's lower side sends back diffusely is lost on the base again and again
+    kept = (1.0 - reflect_smooth(coat_index, np.ones(1))[0, 0, 0]) / coat_index**2
+    darkening = 1.0 + coat * (kept / (1.0 - colour * (1.0 - kept)) - 1.0)
+    through = 1.0 - coat * reflect_smooth(coat_index, at.mu_o)[:, :1, 0]
+    return through * darkening * shaded + coat * shade_mirror(coat_index, at)[:, None]
+
+
+def shade_mirror(index: float, at: Geometry) -> Array:
+    """The lobe (n,) [sr-1] that models have in place of a smooth surface's beam."""
+    return np.asarray(reflect_smooth(index, at.between)[:, 0, 0] * reflect_facets(LEAST_ALPHA, at))
 
 
 def find_alpha(roughness: float) -> float:
@@ -149,15 +168,17 @@ PRINCIPLED = Model(
     "Mitsuba's principled",
     "base_color",
     ("roughness", "eta", "metallic", "flatness"),
-    (1.0, INDICES[1], 1.0, 1.0),
+    (0.3,),
+    False,
     shade_principled,
     print_principled,
 )
 OPENPBR = Model(
     "OpenPBR",
     "base_color",
-    ("specular_roughness", "specular_ior", "base_metalness"),
-    (1.0, INDICES[1], 1.0),
+    ("specular_roughness", "specular_ior", "base_metalness", "coat_weight", "coat_ior"),
+    (0.0, COAT_INDEX),
+    True,
     shade_openpbr,
     print_openpbr,
 )
@@ -194,42 +215,62 @@ class FittedFile:
 def fit_model(
     model: Model, spectrum: Spectrum, surfaces: Sequence[RoughSurface | None], smooth: float | None = None
 ) -> FittedFile:
-    """The model fitted to a spectrum at `directions`; under a smooth surface of the index ``smooth`` its lobe is that
-    of a mirror, and its base is fitted to the diffuse light."""
-    from scipy.optimize import least_squares
-
+    """The model fitted to a spectrum at `directions`; under a smooth surface of the index ``smooth`` its facets are
+    that surface, or its coat is, where that is better."""
     lobes, weights = follow_intensities(spectrum.brdfs, surfaces), weigh_channels(spectrum.wavelength_um)
     into, out = choose_pairs()
     at = Geometry.of(into, out)
     parts = (slice(start, start + CHUNK) for start in range(0, len(into), CHUNK))
     wanted = np.concatenate([lobes(into[part], out[part]) for part in parts]) @ weights.T
-    colours = find_lab(wanted, at)
-
-    def differ(numbers: Array) -> Array:
-        found = import_colour_science().delta_E(colours, find_lab(model.shade(numbers, at), at), method="CIE 2000")
-        return np.asarray(found, float)
-
-    def differ_smoothly(numbers: Array) -> Array:
-        return weigh_lab(colours, find_lab(model.shade(numbers, at), at) - colours).ravel()
-
-    top = surfaces[len(surfaces) // 2]
-    mean = np.clip(np.pi * np.median(wanted, axis=0), 0.02, 0.98)
-    fewer = len(model.names) - 3
-    lowest = np.array([0.0, 0.0, 0.0, 0.03, INDICES[0], *np.zeros(1 + fewer)])
-    highest = np.array([1.0, 1.0, 1.0, *model.highest])
-    roughness = 0.5 if top is None else min(max(float(np.sqrt(top.roughness)), 0.04), 0.99)
-    index = 1.5 if top is None else float(np.clip(abs(top.ratio), 1.02, 2.9))
+    colour = np.clip(np.pi * np.median(wanted, axis=0), 0.02, 0.98)
     if smooth is not None:
-        fixed = np.array([np.sqrt(LEAST_ALPHA), smooth, 0.0])
-        lowest[3:6], highest[3:6] = fixed - 1e-9, fixed + 1e-9
-        starts = [[*fixed]]
+        wanted += shade_mirror(smooth, at)[:, None]
+    colours = find_lab(wanted, at)
+    fitted = [*range(6 if model.coat else 6 + len(model.rest))]
+    if smooth is None:
+        top = surfaces[len(surfaces) // 2]
+        roughness = 0.5 if top is None else min(max(float(np.sqrt(top.roughness)), 0.04), 0.99)
+        index = 1.5 if top is None else float(np.clip(abs(top.ratio), 1.02, 2.9))
+        starts = [[*colour, roughness, index, metalness, *model.rest] for metalness in METALS]
+        numbers, off = fit_numbers(model, at, colours, np.array(starts), fitted)
     else:
-        starts = [[roughness, index, metalness] for metalness in (0.02, 0.9)]
-    how: dict[str, Any] = {"bounds": (lowest, highest), "diff_step": np.full(lowest.size, 1e-4), "max_nfev": 60}
-    tried = [least_squares(differ_smoothly, [*mean, *one, *[0.3] * fewer], **how) for one in starts]
-    found = least_squares(differ, min(tried, key=lambda one: float(one.cost)).x, **how)
-    off = differ(found.x)
-    return FittedFile(model, found.x, float(np.median(off)), float(np.quantile(off, 0.95)))
+        mirror = np.array([[*colour, np.sqrt(LEAST_ALPHA), smooth, 0.0, *model.rest]])
+        numbers, off = fit_numbers(model, at, colours, mirror, fitted[:3] + fitted[6:])
+        if model.coat:
+            starts = [[*colour, 0.5, 1.1 * smooth, metalness, 1.0, smooth] for metalness in METALS]
+            coated = fit_numbers(model, at, colours, np.array(starts), fitted)
+            if (coated[1] ** 2).sum() < COAT_GAIN * (off**2).sum():
+                numbers, off = coated
+    return FittedFile(model, numbers, float(np.median(off)), float(np.quantile(off, 0.95)))
+
+
+def fit_numbers(
+    model: Model, at: Geometry, colours: Array, starts: Array, fitted: Sequence[int]
+) -> tuple[Array, Array]:
+    """The best numbers (n,) from one of ``starts`` (k, n), those at the indices ``fitted`` changed, and CIEDE2000
+    between their colours and ``colours`` (pairs, 3)."""
+    from scipy.optimize import least_squares
+
+    def fill(values: Array, start: Array) -> Array:
+        numbers = start.copy()
+        numbers[fitted] = values
+        return numbers
+
+    def differ(values: Array, start: Array) -> Array:
+        found = find_lab(model.shade(fill(values, start), at), at)
+        return np.asarray(import_colour_science().delta_E(colours, found, method="CIE 2000"), float)
+
+    def differ_smoothly(values: Array, start: Array) -> Array:
+        return weigh_lab(colours, find_lab(model.shade(fill(values, start), at), at) - colours).ravel()
+
+    lowest, highest = np.zeros(starts.shape[1]), np.ones(starts.shape[1])
+    lowest[3], lowest[4], highest[4] = 0.03, *INDICES
+    how: dict[str, Any] = {"bounds": (lowest[fitted], highest[fitted]), "max_nfev": 60}
+    how["diff_step"] = np.full(len(fitted), 1e-4)
+    tried = [(least_squares(differ_smoothly, one[fitted], args=(one,), **how), one) for one in starts]
+    best, start = min(tried, key=lambda pair: float(pair[0].cost))
+    found = least_squares(differ, best.x, args=(start,), **how)
+    return fill(found.x, start), differ(found.x, start)
 
 
 def choose_pairs() -> tuple[Array, Array]:

@@ -7,12 +7,14 @@ sRGB in which a perfect white diffuser in D65 is 1. docs/how_to/exports.md.
 """
 
 import itertools
+from functools import cache
 from typing import Any
 
 import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError, import_extra
+from vrte.basics.llvm import NAMED, OLDEST
 from vrte.exports.colour import weigh_channels
 from vrte.exports.half_vectors import FACETS, LOWEST, STEEPEST, HalfVectorTable, check_directions, tabulate_half_vectors
 from vrte.formats.result_file import load
@@ -22,6 +24,7 @@ from vrte.results.brdf import Brdf, Spectrum
 mi = import_extra("mitsuba", "vrte.mitsuba", "mitsuba")
 dr = import_extra("drjit", "vrte.mitsuba", "mitsuba")
 REGISTERED: dict[str, Any] = {}  # the class of the BSDF by Mitsuba's variants
+FEW = 8  # wavelengths of a table, all of which are read at once for those that are traced together: 4, two each
 LUMINANCE = np.array([[0.2126, 0.7152, 0.0722]])  # of linear sRGB
 
 
@@ -48,13 +51,28 @@ def read_facets(one: Brdf) -> RoughSurface | None:
 
 
 def weigh_colours(wavelength_um: Array) -> Array:
-    """Weights (channel, wavelength) of linear sRGB, or of luminance. Raises SceneError, MissingExtraError."""
-    weights = weigh_channels(wavelength_um) if wavelength_um.size > 1 else np.ones((3, 1))
+    """Weights (channel, wavelength) of linear sRGB, or of luminance; a table without wavelengths has linear sRGB.
+    Raises SceneError, MissingExtraError."""
+    if wavelength_um.size > 1:
+        weights = weigh_channels(wavelength_um)
+    else:
+        weights = np.ones((3, 1)) if wavelength_um.size else np.eye(3)
     return weights if mi.is_rgb else LUMINANCE @ weights
 
 
+def check_llvm() -> None:
+    """Raises ImportError where an older LLVM, found before ours was named, would end the process."""
+    version = dr.detail.llvm_version()
+    if mi.variant().startswith("llvm") and 0 < version[0] < OLDEST:
+        raise ImportError(
+            f"Mitsuba has loaded LLVM {'.'.join(map(str, version))}, with which {mi.variant()} ends the process: "
+            f"import vrte.mitsuba before mitsuba, or let {NAMED} name the library of LLVM {OLDEST} or newer"
+        )
+
+
 def register() -> None:
-    """Registers the BSDF for the variant of Mitsuba that is set."""
+    """Registers the BSDF for the variant of Mitsuba that is set. Raises ImportError."""
+    check_llvm()
 
     class VrteBsdf(mi.BSDF):  # type: ignore[name-defined]
         """A tabulated BRDF (component 0), and a mirrored beam (component 1) where there is one."""
@@ -197,13 +215,15 @@ def register() -> None:
                     for index, weight in corners
                     for step in (0, 1)
                 ]
-            kind, channels, found = mi.Matrix4f if mi.is_polarized else mi.Float, shape[len(at)], []
-            for lane in self.find_lanes(si):
-                total = kind(0.0)
-                for index, weight in corners:
-                    for channel, share in lane:
-                        total += take(kind, buffer, index * channels + channel) * (weight * share)
-                found.append(total)
+            kind, channels = mi.Matrix4f if mi.is_polarized else mi.Float, shape[len(at)]
+
+            def interpolate_channel(channel: Any) -> Any:
+                return sum(take(kind, buffer, index * channels + channel) * weight for index, weight in corners)
+
+            lanes = self.find_lanes(si)
+            if all(isinstance(channel, int) for lane in lanes for channel, _ in lane):
+                interpolate_channel = cache(interpolate_channel)  # once for all that are traced together
+            found = [sum(interpolate_channel(channel) * share for channel, share in lane) for lane in lanes]
             if not mi.is_polarized:
                 return mi.Spectrum(found)
             value = mi.Spectrum(0.0)
@@ -219,6 +239,12 @@ def register() -> None:
             if size == 1:
                 return [[(0, 1.0)] for _ in si.wavelengths]
             lanes, steps = [], list(itertools.pairwise(self.nanometres.tolist()))
+            if size <= FEW:
+                for wavelength in si.wavelengths:
+                    parts = [dr.clip((wavelength - low) / (high - low), 0.0, 1.0) for low, high in steps]
+                    shares = [before - after for before, after in itertools.pairwise([1.0, *parts, 0.0])]
+                    lanes.append(list(enumerate(shares)))
+                return lanes
             for wavelength in si.wavelengths:
                 place = sum(dr.clip((wavelength - low) / (high - low), 0.0, 1.0) for low, high in steps)
                 cell, part = split(place / (size - 1), size)
