@@ -129,6 +129,19 @@ def test_a_rough_paint_has_its_colours_within_seconds(roughness: float) -> None:
     assert not found.why_none
 
 
+def test_a_paint_is_shown_over_the_forms_base_and_over_a_grey_black(
+    answered: tuple[AppearanceAnswerer, list[Appeared]],
+) -> None:
+    """A Lambertian base of 0.3 in place of a white card of 0.3."""
+    studio, task = answered[0], make_task(DUST, Conditions(black=0.01, white=0.3))
+    card, over_base = (work(studio.answer, task.content, **task.more, over_base=flag)[-1] for flag in (False, True))
+    assert (card.sides[1], over_base.sides[1]) == ("over white", "over the base")
+    assert_close(over_base.spectra.over_white, card.spectra.over_white, rtol=1e-9, atol=0.0)
+    solved = make_panel(DUST, AT, accuracy=1e-6).put_over(vrte.Lambertian(0.01)).solve(MU_I)
+    expected = np.pi * solved.mueller[:, 0, 0, 0, 0, 0]
+    assert_close(card.spectra.over_black, expected, rtol=0.0, atol=1e-4)
+
+
 def test_coarse_colours_come_first_and_gloss_and_hiding_last(
     answered: tuple[AppearanceAnswerer, list[Appeared]],
 ) -> None:
@@ -166,7 +179,15 @@ def test_colours_are_downloaded_and_drawn_once_they_are_of_the_forms_scene(
     live.waits = False
     name, data = make_colours_download(live, DUST)
     assert name == "colours.csv"
-    rows = list(csv.DictReader(io.StringIO(data.decode())))
+    rows = list(csv.DictReader(io.StringIO(data.decode("utf-8-sig"))))
+    text = make_colours_download(live, DUST, with_comma=True)[1].decode("utf-8-sig")
+    dialect = csv.Sniffer().sniff(text.splitlines()[0])
+    again = [
+        row | {"value": row["value"].replace(",", ".")} for row in csv.DictReader(io.StringIO(text), dialect=dialect)
+    ]
+    assert dialect.delimiter == ";"
+    assert [row["value"] for row in again] == [row["value"] for row in rows]
+    assert all(row["value"].count(",") == 1 for row in csv.DictReader(io.StringIO(text), delimiter=";"))
     values = {(row["quantity"], row["wavelength_um"]): float(row["value"]) for row in rows}
     assert values["L over white", ""] == found.white.numbers["L"]
     assert values["contrast ratio", ""] == found.contrast

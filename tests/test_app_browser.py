@@ -560,7 +560,7 @@ def test_a_slider_changes_the_colours_at_once(open_tab: Callable[..., Tab]) -> N
     tab.says("ΔE2000 from before: over black 0.00")
     tab.waits_for("!document.querySelector('.vrte-old')")
     tab.evaluate(WATCH)
-    tab.slide("thickness [µm]", 0.3)
+    tab.slide("thickness", 0.3)
     tab.waits_for(SWATCH_CHANGES, arg=before)
     tab.waits_for(FINISHED)
     mark.wait_for(state="hidden")
@@ -589,7 +589,7 @@ def test_a_page_begins_with_what_its_user_has(open_tab: Callable[..., Tab], tmp_
     tab.button("A paint").click()
     tab.says(re.compile(r"^hiding thickness [\d.]+ µm \(contrast ratio 0.98\), [\d.]+ m²/l"))
     tab.button("A paint").wait_for(state="hidden")
-    tab.fill("thickness [µm], number", "20")  # beside the slider
+    tab.fill("thickness, number", "20")  # beside the slider
     tab.waits_for("document.querySelector('.vrte-left [aria-label=\"thickness [µm]\"]').value == '20'")
     tab.fill("albedo of the white card, number", "0.7")
     tab.waits_for(FINISHED)
@@ -613,7 +613,7 @@ def test_a_rough_paint_is_shown_and_the_page_answers_meanwhile(tab: Tab) -> None
     tab.go_to("Appearance")
     colour = tab.page.get_by_role("img", name=re.compile("^colour over black: #[0-9a-f]{6}$"))
     before = colour.get_attribute("aria-label")
-    tab.slide("thickness [µm]", 0.3)
+    tab.slide("thickness", 0.3)
     for name in ("Cuts", "Reflectance", "Plan"):
         tab.go_to(name)
     tab.says("transmission: not asked for")

@@ -3,6 +3,7 @@
 import copy
 import inspect
 import math
+import re
 import time
 import tomllib
 from contextlib import suppress
@@ -18,16 +19,30 @@ import vrte
 from vrte.app.form import checks
 from vrte.app.form import content as form
 from vrte.app.form.checks import MOST_OF_AXIS, adopt_with_notes, begin_with_material, list_films, write_content
-from vrte.app.form.fields import find_field, list_places, parse_field_text, translate_message, write_field_text
+from vrte.app.form.fields import (
+    find_field,
+    get_value,
+    list_places,
+    parse_field_text,
+    parse_typed_text,
+    translate_message,
+    write_field_text,
+)
+from vrte.app.form.numbers import list_sliders
+from vrte.app.form.units import BY_WEIGHT, UNITS, WET, PaintUnits, list_units
+from vrte.appearance.gloss import find_surface_gloss
+from vrte.fit.recipe import list_ingredients, read_film
 from vrte.formats.bases import BASES
 from vrte.formats.keys import Choice, FilePath, Flag
 from vrte.formats.layers import LAYER_KEYS, PHASES
-from vrte.formats.materials import list_materials
+from vrte.formats.materials import list_materials, list_paints
 from vrte.formats.particle_sources import SIZES, SOURCES
 from vrte.formats.scattering import read_scattering
 from vrte.formats.scene_file import FILE_KEYS, read_content
-from vrte.formats.toml_table import show_place
+from vrte.formats.toml_table import read_fraction, show_place
 from vrte.optics.crowding import PACKINGS
+
+from .helpers import close_to
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 GALLERY = sorted((Path(vrte.__file__).parent / "app" / "gallery").glob("*.toml"))
@@ -67,12 +82,88 @@ def test_text_becomes_a_value_and_the_value_the_same_text(value: Any) -> None:
 def test_messages_have_the_words_of_the_form() -> None:
     content = {"particles": {"fool's gold": {"diameter_um": 0.2}}, "layer": [{"thickness": -1}]}
     for message, words in (
-        ("layer[1].thickness = -1: must be above 0", "layer 1: optical thickness = -1: must be above 0"),
+        ("layer[1].thickness = -1: must be above 0", "layer 1: optical thickness must be above 0, not -1"),
         ("nodes must be 1", "nodes a hemisphere must be 1"),
         ('particles."fool\'s gold".diameter_um: half of it, x must', "fool's gold: diameter [µm]: half of it must"),
         ("layer[1].junk and layer[9].thickness", "layer 1: junk and layer 9: optical thickness"),
     ):
         assert translate_message(message, content) == words
+
+
+MATT = begin_with_material(list_paints()["white matt"])[0]
+LOAD, THICKNESS, ROUGHNESS, SIZE = (
+    ("layer", 1, "volume_fractions", "rutile"), ("layer", 1, "thickness_um"), ("layer", 0, "interface", "roughness"),
+    ("particles", "rutile", "size", "lognormal", "median_diameter_um"),
+)  # fmt: skip
+UNUSUAL = PaintUnits({kind: names[-1] for kind, names in UNITS.items()}, solids=0.4, densities={"binder": 1.18})
+
+
+def test_a_field_of_one_number_takes_decimal_commas_and_units() -> None:
+    for place, text, meant in (
+        (THICKNESS, "12,5", 12.5), (THICKNESS, "60 µm", 60), (THICKNESS, "60 um", 60), (LOAD, "12,5 %", "12.5 %"),
+        (SIZE, "250 nm", 0.25), (SIZE, "", ""), (THICKNESS, "", None), (LOAD, "3 nm", "3 nm"), (LOAD, "thick", "thick"),
+        (("layer", 1, "host_index"), "1,5", [1, 5]), (("brdf", "mu_i"), "0,5", [0, 5]), (("nodes",), "4,5", [4, 5]),
+    ):  # fmt: skip
+        assert parse_typed_text(text, place, MATT) == meant
+
+
+def test_what_is_wrong_with_a_paint_is_told_in_the_words_of_the_form() -> None:
+    for place, text, words in (
+        (THICKNESS, "", "layer 2: a thickness is needed"),
+        (THICKNESS, "x", 'layer 2: thickness [µm] must be a number >= 0, not "x"'),
+        (LOAD, "", "layer 2: volume fractions must be a fraction of each kind of particle"),
+        (LOAD, "200 %", 'layer 2: rutile: of the volume must be from 0 to below 1, or per cent, 5 %, not "200 %"'),
+        (SIZE, "", "rutile: median diameter [µm] must be a number"),
+    ):
+        content = copy.deepcopy(MATT)
+        form.put(content, place, parse_typed_text(text, place, content))
+        (message,) = checks.find_problems(content).values()
+        assert translate_message(message, content) == words
+
+
+def test_numbers_come_back_from_every_unit() -> None:
+    """Also those of all paints, where their densities are known; the form keeps its own."""
+    for film in list_films().values():
+        content = begin_with_material(film)[0]
+        for slider in list_sliders(content):
+            units, value = UNUSUAL, read_fraction(get_value(content, slider.place))
+            if units.get(content, slider.place) == BY_WEIGHT:
+                parts = read_film(content, slider.place[1], Path()).parts
+                units = PaintUnits(units.chosen, 0.4, dict.fromkeys(parts, 2.0) | {next(iter(parts)): 4.0})
+            text, message = units.write(content, slider.place, value)
+            assert message == ""
+            assert units.read(content, slider.place, text) == close_to(value, rtol=3e-3, atol=0.0)
+
+
+def test_units_are_what_they_say() -> None:
+    assert UNUSUAL.read(MATT, THICKNESS, "150,0 µm wet") == 60.0
+    assert UNUSUAL.convert_film(60.0) == (150.0, WET)
+    assert UNUSUAL.read(MATT, SIZE, "250 nm") == 0.25
+    film = read_film(MATT, 1, Path())
+    weights = {one.name: one.weight for one in list_ingredients(film, {"rutile": 4.23, "binder": 1.18}, None)}
+    assert UNUSUAL.show(MATT, LOAD, 0.12) == close_to(100.0 * weights["rutile"], rtol=1e-12, atol=0.0)
+    roughness = UNUSUAL.read(MATT, ROUGHNESS, "30")
+    surface = vrte.Interface(1.0, 1.49, roughness=roughness, distribution="ggx")
+    assert find_surface_gloss(surface, 60.0) == close_to(30.0, rtol=1e-3, atol=0.0)
+    learnt = UNUSUAL.learn_gloss(MATT, 3.4)  # of which the surface has 1.1
+    assert learnt.show(MATT, ROUGHNESS, 0.4) == close_to(3.4, rtol=1e-12, atol=0.0)
+    deep = copy.deepcopy(MATT)
+    deep["layer"].append({"interface": {"above": 1.49, "below": 1.0, "roughness": 0.2}})
+    assert list_units(deep, ("layer", 2, "interface", "roughness")) == UNITS["roughness"][:1]
+    for place, text, words in (
+        (THICKNESS, "thick", "give a number in µm wet, such as 12.5 or 12,5, not 'thick'"),
+        (THICKNESS, "60 nm", "give a number in µm wet"),
+        (LOAD, "", "give a number in wt %, such as 12.5 or 12,5"),
+        (LOAD, "200", "the part of the weight must be from 0 to 100 %, not 200 %"),
+        (ROUGHNESS, "99", "the gloss must be from 0.027 to 87.4 GU here, not 99"),
+    ):
+        with pytest.raises(vrte.SceneError, match=re.escape(words)):
+            UNUSUAL.read(MATT, place, text)
+    bare = PaintUnits(UNUSUAL.chosen)
+    assert bare.write(MATT, THICKNESS, 60.0) == ("", "a wet film needs the volume solids: give them in per cent")
+    assert bare.write(MATT, LOAD, 0.1) == ("", "per cent by weight need the density of binder: give it in kg/l")
+    with pytest.raises(vrte.SceneError, match="volume fraction must be from 0 to 100 %, not 150 %"):
+        PaintUnits().read(MATT, LOAD, "150")
 
 
 # a field, what is wrong with it, and words of the library's message; one row for each way in which a place is found

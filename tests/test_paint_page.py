@@ -110,10 +110,11 @@ def test_what_a_paint_does_not_have_is_told_and_the_rest_is_there(
     assert (found.glosses, found.hiding, found.two_fluxes, list(found.colours)) == ({}, None, None, ["as it lies"])
     missing = [note.partition(":")[0] for note in found.notes if note.startswith("There is no")]
     assert missing == [f"There is no {what} here" for what in ("gloss", "hiding power", "K and S")]
-    for suffix in (".html", ".png", ".csv"):
+    for suffix in (".html", ".png", ".pdf", ".csv"):
         found.save(tmp_path / f"deep{suffix}")
-    with pytest.raises(vrte.SceneError, match=r"must end in \.html, \.png or \.csv"):
+    with pytest.raises(vrte.SceneError, match=r"must end in \.html, \.png, \.pdf or \.csv"):
         found.save(tmp_path / "page.txt")
+    assert (tmp_path / "deep.pdf").read_bytes().startswith(b"%PDF")
     before, names = (tmp_path / "deep.html").read_text(encoding="utf-8"), sorted(tmp_path.iterdir())
     monkeypatch.setattr(pages, "make_paint_body", lambda paint: "\ud800")  # which no file can hold
     with pytest.raises(UnicodeEncodeError):

@@ -157,7 +157,7 @@ class Paint:
             yield InstrumentReading("BRDF f00", name, self.lobe_um, float(light[0]), "1/sr", words, "Nicodemus 1977")
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the page (.html), one sheet of pictures (.png) or all numbers (.csv), all of it or nothing."""
+        """Writes the page (.html), one sheet of pictures (.png, .pdf) or all numbers (.csv), or nothing of it."""
         view(self, "save", path)
 
 

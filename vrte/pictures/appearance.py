@@ -144,7 +144,7 @@ def draw_errors(found: KubelkaMunk, errors: TwoFluxErrors) -> Figure:
 
 CARDS = "#1b1b1b", "#e6e6e6"  # black, and Y of a card of 0.8 in sRGB
 WAVELENGTH = Axis("wavelength [µm]")
-SUFFIXES = ".html", ".png", ".csv"
+SUFFIXES = ".html", ".png", ".pdf", ".csv"
 MISSING = PlotPanel([Words("none: see the notes")], bare=True)
 
 
@@ -262,7 +262,7 @@ def draw_sheet(paint: Paint) -> Figure:
 def save_paint(paint: Paint, path: str | os.PathLike[str]) -> None:
     """Writes a page, a sheet of pictures or a table by the suffix, all of it or nothing."""
     suffix = Path(path).suffix.lower()
-    if suffix == ".png":
+    if suffix in (".png", ".pdf"):
         save_figure(draw_sheet(paint), path)
     elif suffix in SUFFIXES:
         page = suffix == ".html"
@@ -272,12 +272,16 @@ def save_paint(paint: Paint, path: str | os.PathLike[str]) -> None:
         raise SceneError(f"the page {path} must end in {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}")
 
 
-def write_table(readings: Iterable[InstrumentReading]) -> str:
-    """All numbers as CSV, one a row, digits enough to read them back."""
+def write_table(readings: Iterable[InstrumentReading], with_comma: bool = False) -> str:
+    """All numbers as CSV, one a row, digits enough to read them back; with decimal commas between semicolons."""
+
+    def write(cell: Any) -> Any:
+        return repr(float(cell)).replace(".", "," if with_comma else ".") if isinstance(cell, float) else cell
+
     made = io.StringIO()
-    rows = csv.writer(made, lineterminator="\n")
+    rows = csv.writer(made, delimiter=";" if with_comma else ",", lineterminator="\n")
     rows.writerow(InstrumentReading._fields)
-    rows.writerows([repr(float(cell)) if isinstance(cell, float) else cell for cell in one] for one in readings)
+    rows.writerows([write(cell) for cell in one] for one in readings)
     return made.getvalue()
 
 

@@ -10,13 +10,14 @@ from typing import Any
 from vrte.basics.errors import Place
 from vrte.formats.bases import BASES, INTERFACE
 from vrte.formats.flakes import FLAKES
-from vrte.formats.keys import ONE_WAVELENGTH, SUBSTANCE_HINT, TABLE, FilePath, Key
+from vrte.formats.keys import ONE_WAVELENGTH, SUBSTANCE_HINT, TABLE, FilePath, Key, Numbers, Substance
 from vrte.formats.layers import PHASES, SIDES
 from vrte.formats.particle_sources import DIAMETER_LABELS, DIAMETERS, HOST, ONE, SIZES, SOURCES, SPHERES
 from vrte.formats.toml_table import RANGE_KEYS
 
 LONGEST_TEXT = 4000  # characters of a field
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?inf|nan")
+TYPED = re.compile(r"([+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?)\s*(%|nm|[uµ]m)?")  # with a point or a comma
 WHOLE = re.compile(r"[+-]?\d{1,300}")
 SHARE = "5 % or 0.05"
 FIELDS = {  # by place, * being any layer or kind of particle: label, and what no check objects to in its place
@@ -135,6 +136,22 @@ def parse_field_text(text: str) -> Any:
     return dict(zip(RANGE_KEYS, numbers, strict=True)) if len(numbers) == 3 and "," not in text else text
 
 
+def parse_typed_text(text: str, place: Place, content: dict[str, Any]) -> Any:
+    """What is typed in a field; where that takes one number, also with a decimal comma, per cent, nm or µm."""
+    key, found = find_field(place, content), TYPED.fullmatch(text.strip())
+    if place[0] not in ("layer", "particles", "base") or isinstance(key, (Substance, Numbers)):
+        return parse_field_text(text)
+    if found is None:  # a size that is emptied stays where it is missing
+        return parse_field_text(text) or ("" if place[0] == "particles" and key.needed else None)
+    number, unit = found[1].replace(",", "."), found[2]
+    value = parse_field_text(number)
+    if unit == "%":
+        return f"{number} %"
+    if unit and "[µm]" not in key.label:
+        return text.strip()
+    return float(f"{value / 1e3:.6g}") if unit == "nm" else value
+
+
 def write_field_text(value: Any) -> str:
     """A field's text, which `parse_field_text` reads."""
     if value is None:
@@ -153,6 +170,13 @@ KEYS = re.compile(
 FIRST = re.compile(r"(?:nodes|accuracy)\b")  # words that also have another meaning
 STEP = re.compile(r'\[(\d+)\]|"((?:[^"\\]|\\.)*)"|[A-Za-z0-9_-]+')
 HALF = re.compile(r"half of it, \w+ must")  # of a diameter: the argument is a radius
+GIVEN = re.compile(r' = (\{[^{}]*\}|\[[^\[\]]*\]|"(?:[^"\\]|\\.)*"|[-+\w.]+): must ([^;]*)$')  # of the file's syntax
+EMPTY = '""', "{}"
+WORDS = {
+    'per cent in quotes, "5 %"': "per cent, 5 %",
+    "either thickness (optical) or thickness_um is needed": "a thickness is needed",
+    "a table { name = fraction, ... }": "a fraction of each kind of particle",
+}
 WAVELENGTHS = "wavelengths [µm]: one, several with commas, or start:stop:count"
 
 
@@ -162,7 +186,11 @@ def translate_message(message: str, content: dict[str, Any]) -> str:
     if first:
         message = name_place((first[0],), content) + message[first.end() :]
     message = HALF.sub("half of it must", message.replace(ONE_WAVELENGTH, WAVELENGTHS))
-    return KEYS.sub(lambda found: name_place(read_place(found[0]), content), message)
+    message = KEYS.sub(lambda found: name_place(read_place(found[0]), content), message)
+    message = GIVEN.sub(lambda found: f" must {found[2]}{'' if found[1] in EMPTY else f', not {found[1]}'}", message)
+    for words, ours in WORDS.items():
+        message = message.replace(words, ours)
+    return message
 
 
 def read_place(key: str) -> Place:

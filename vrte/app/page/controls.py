@@ -81,28 +81,70 @@ def select(options: Any, value: Any, label: str, act: Callable[[Any], None], wid
 
 
 def add_slider(
-    label: str,
-    ends: tuple[float, float],
-    step: float,
-    act: Callable[[float], None],
-    throttle: float,
-    take: Callable[[float], None] | None = None,
-    **more: Any,
+    label: str, ends: tuple[float, float], step: float, act: Callable[[float], None], throttle: float, **more: Any
 ) -> tuple[Any, Any, Any]:
-    """What is around a slider; the text above it, or the field of its number where one is taken; and the slider, of
-    which the last position within ``throttle`` seconds counts."""
+    """What is around a slider, the text above it, and the slider; the last position within ``throttle`` [s] counts."""
     with ui.column().classes("gap-0") as around:
         text = add_note()
-        with ui.row().classes("w-full no-wrap items-center gap-3"):
-            bar = ui.slider(min=ends[0], max=ends[1], step=step, value=ends[0]).classes("grow")
-            bar.props(f'dense aria-label="{label}"')
-            bar.on("update:model-value", lambda event: act(float(event.args)), throttle=throttle, **more)
-            if take is None:
-                return around, text, bar
-            text.set_text(label)
-            number = ui.number(on_change=lambda event: None if event.value is None else take(float(event.value)))
-            number.props(f'dense borderless hide-bottom-space debounce=300 aria-label="{label}, number"')
-    return around, number.classes("vrte-number"), bar
+        return around, text, make_bar(label, ends, step, act, throttle, **more)
+
+
+def make_bar(
+    label: str, ends: tuple[float, float], step: float, act: Callable[[float], None], throttle: float, **more: Any
+) -> Any:
+    """A slider alone."""
+    bar = ui.slider(min=ends[0], max=ends[1], step=step, value=ends[0]).classes("grow")
+    bar.props(f'dense aria-label="{label}"')
+    bar.on("update:model-value", lambda event: act(float(event.args)), throttle=throttle, **more)
+    return bar
+
+
+class NumberSlider:
+    """A slider, the field of its number beside it, in one of several ``units`` that ``choose`` gets, and a message."""
+
+    def __init__(
+        self,
+        label: str,
+        ends: tuple[float, float],
+        step: float,
+        throttle: float,
+        move: Callable[[float], None],
+        take: Callable[[str], None],
+        units: tuple[str, ...] = (),
+        unit: str = "",
+        choose: Callable[[str], None] = lambda unit: None,
+    ) -> None:
+        self.text, self._take = "", take  # what the field shows, and who gets what is typed there
+        with ui.column().classes("gap-0"):
+            add_note().set_text(label)
+            with ui.row().classes("w-full no-wrap items-center gap-2"):
+                self.bar = make_bar(label, ends, step, move, throttle)
+                self.field = add_text(f"{label}, number", self._hear)
+                if units:
+                    chosen = ui.select(list(units), value=unit, on_change=lambda event: choose(event.value))
+                    chosen.props(f'dense borderless options-dense aria-label="unit of {label}"').classes("vrte-unit")
+            self.message = add_message("vrte-error")
+
+    def _hear(self, text: str) -> None:
+        if text != self.text:
+            self.text = text
+            self._take(text)
+
+    def show(self, text: str, step: float | None, message: str = "") -> None:
+        """The number's text; the slider's step, None as it is; and what is wrong."""
+        self.text = text
+        self.field.set_value(text)
+        if step is not None:
+            self.bar.set_value(step)
+        self.bar.props.update({"aria-valuetext": text})
+        self.message.set_text(message)
+
+
+def add_text(label: str, take: Callable[[str], None]) -> Any:
+    """A small field for a number, given as text while it is typed."""
+    field = ui.input(on_change=lambda event: take(str(event.value or ""))).without_auto_validation()
+    field.props(f'dense borderless debounce=300 maxlength=40 autocomplete=off aria-label="{label}"')
+    return field.classes("vrte-number")
 
 
 def notify(text: str, kind: Any = "info", **more: Any) -> None:

@@ -10,7 +10,7 @@ from nicegui import ui
 
 from vrte.app.form import content as form
 from vrte.app.form.checks import name_part
-from vrte.app.form.fields import LONGEST_TEXT, find_field, get_value, parse_field_text, write_field_text
+from vrte.app.form.fields import LONGEST_TEXT, find_field, get_value, parse_typed_text, write_field_text
 from vrte.app.page import controls
 from vrte.app.page.controls import OUTLINED, add_message, add_note, make_icon, report_errors
 from vrte.app.solving.tab_session import LARGEST_LIST, LARGEST_TABLE, TabSession, check_size
@@ -164,7 +164,7 @@ class FormPanel:
         about = find_field(place, content)
 
         def typed(event: Any) -> None:
-            form.put(content, place, parse_field_text(str(event.value or "")))
+            form.put(content, place, parse_typed_text(str(event.value or ""), place, content))
             self.refused.pop(place, None)
             self.check()
 

@@ -39,7 +39,7 @@ window.vrte = {
     const system = matchMedia("(prefers-color-scheme: dark)");
     const apply = () => {
       const dark = this.theme() === "dark" || (this.theme() === "auto" && system.matches);
-      emitEvent("vrte-theme", { theme: this.theme(), dark });
+      emitEvent("vrte-theme", { theme: this.theme(), dark, comma: (1.5).toLocaleString().includes(",") });
     };
     system.addEventListener("change", apply);
     this.set_theme = (theme) => {

@@ -75,7 +75,7 @@ class Page:
                 self._solve_bar()
             with ui.column().classes("vrte-right no-wrap gap-0").props('role=region aria-label="result"'):
                 self._add_ways_in()
-                self.results = ResultPanel(session, self.write_field, self.fill)
+                self.results = ResultPanel(session, self.write_field, self.fill, self._list_reports())
         self._draw_form()
         ui.run_javascript(f"{SCRIPT.read_text(encoding='utf-8')}\nvrte.begin({self.upload.id});")
         if not session.outcome.count and session.solves.task is None and session.content == START:  # something to turn
@@ -132,11 +132,21 @@ class Page:
                 controls.add_menu_item(f"{title}, {words}", partial(self.hand_out_result, kind, suffix))
         controls.add_menu_item("picture of the figure, PNG", self.picture)
         controls.add_menu_item("BRDF as a Mitsuba tensor (solves for its directions)", self.tensor)
-        colours = partial(self.hand_out, lambda: tab_session.make_colours_download(session.live, session.content))
-        controls.add_menu_item("colours, gloss and hiding of Appearance, CSV", colours)
-        controls.add_menu_item("page of the paint, HTML (reads off all of it)", self.paint_page)
+        for words, with_comma in (("CSV", False), ("CSV with semicolons and decimal commas", True)):
+            title = f"colours, gloss and hiding of Appearance, {words}"
+            controls.add_menu_item(title, partial(self.hand_out_colours, with_comma))
+        for suffix, words in ((".html", "page of the paint, HTML"), (".pdf", "sheet of the paint, PDF")):
+            controls.add_menu_item(f"{words} (reads off all of it)", partial(self.report_paint, suffix))
         scene = partial(self.hand_out, lambda: tab_session.make_scene_download(session.content, session.uploads))
         controls.add_menu_item("scene, TOML", scene)
+
+    def _list_reports(self) -> dict[str, Callable[[], Any]]:
+        """What the tab Appearance hands out by a click: the numbers as tables are written in the browser's language."""
+        return {
+            "Numbers, CSV": lambda: self.hand_out_colours(bool(self.session.view.get("comma"))),
+            "Report, HTML": lambda: self.report_paint(".html"),
+            "Report, PDF": lambda: self.report_paint(".pdf"),
+        }
 
     def _solve_bar(self) -> None:
         with ui.column().classes("vrte-solve w-full gap-1"):
@@ -212,6 +222,8 @@ class Page:
         if isinstance(answer, Written):
             ui.download.content(answer.data, answer.name)
         elif isinstance(answer, Adopted):
+            if self.session.view["tab"] in OF_BRDF and not explain_missing(answer.content):  # the colours of a paint
+                self.results.tabs.set_value("appearance")
             self.fill(answer.content, answer.notes)
         elif isinstance(answer, Outcome):
             self.session.outcome = answer
@@ -259,6 +271,11 @@ class Page:
             name, data = await asyncio.to_thread(make)
             ui.download.content(data, name)
 
+    async def hand_out_colours(self, with_comma: bool) -> None:
+        """What the tab Appearance shows, as a table."""
+        live, content = self.session.live, self.session.content
+        await self.hand_out(lambda: tab_session.make_colours_download(live, content, with_comma))
+
     async def hand_out_result(self, kind: str, suffix: str) -> None:
         """The BRDF or the field as a file."""
         outcome, which = self.session.outcome, self.session.view["wavelength"]
@@ -301,8 +318,9 @@ class Page:
         self.follow()
 
     def set_theme(self, event: Any) -> None:
-        """Takes the theme that the browser reports, light or dark."""
-        dark = isinstance(event.args, dict) and event.args.get("dark") is True
+        """Takes the theme that the browser reports, light or dark, and whether it writes decimal commas."""
+        given = event.args if isinstance(event.args, dict) else {}
+        dark, self.session.view["comma"] = given.get("dark") is True, given.get("comma") is True
         self.dark.set_value(dark)
         if dark != bool(self.session.view.get("dark")):
             self.session.view["dark"] = dark
@@ -353,12 +371,15 @@ class Page:
         self.report.set_text(words)
         self.session.start(self.session.make_task(call, **more))
 
-    def paint_page(self) -> None:
+    def report_paint(self, suffix: str) -> None:
         """What a laboratory reads off the paint, all of it, as `vrte paint` writes it."""
         with report_errors(self.complain):
             if unfit := explain_missing(self.session.content):
                 raise SceneError(unfit)
-            self.start_writing("Reading all numbers off the paint.", "solve.write_paint_page")
+            viewing = self.session.view["viewing"]
+            self.start_writing(
+                "Reading all numbers off the paint.", "solve.write_report", suffix=suffix, viewing=viewing
+            )
 
     def tensor(self) -> None:
         """Mitsuba's file wants directions of its own: they are solved for first."""

@@ -90,10 +90,16 @@ NO_PLAN = "No plan here: a result file has none, nor have methods other than dis
 
 class ResultPanel:
     """Figures of a session's outcome; the one of the open tab is drawn, the others when they are looked at. ``write``
-    puts a number into a field of the form, ``fill`` another scene."""
+    puts a number into a field of the form, ``fill`` another scene; ``reports``: what a paint's page hands out."""
 
-    def __init__(self, session: TabSession, write: Callable[[Place, float], None], fill: Callable[..., None]) -> None:
-        self.session, self.write, self.fill = session, write, fill
+    def __init__(
+        self,
+        session: TabSession,
+        write: Callable[[Place, float], None],
+        fill: Callable[..., None],
+        reports: dict[str, Callable[[], Any]],
+    ) -> None:
+        self.session, self.write, self.fill, self.reports = session, write, fill, reports
         self.view = session.view
         self.view.update(VIEW | self.view)
         self.plots: dict[str, Any] = {}

@@ -41,6 +41,13 @@ GEOMETRIES = {"45:0": "45/0, without gloss", "8:di": "d/8 SCI, with what is mirr
 ILLUMINANTS = {"D65": "D65, daylight", "A": "A, light bulb", "FL11": "FL11, fluorescent tube"}
 MU_I = [read_geometry(name).directions[0][0] for name in GEOMETRIES]  # one more direction costs next to nothing
 OBSERVERS = {10: "10°", 2: "2°"}
+CARDS = {  # albedos of the black and of the white one
+    "drawdown chart: 0 and 0.8": (0.0, 0.8),
+    "chart with a grey black: 0.01 and 0.8": (0.01, 0.8),
+    "paper: 0 and 0.89": (0.0, 0.89),
+    "perfect: 0 and 1": (0.0, 1.0),
+}
+OVER_BASE, OTHER_CARDS = "black, and the form's base", "others"
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +95,7 @@ class Appeared(Message):
     notes: tuple[str, ...] = ()
     readings: tuple[InstrumentReading, ...] = ()
     why_none: tuple[str, ...] = ()
+    sides: tuple[str, str] = ("over black", "over white")
 
 
 class Kept(dict[bytes, Any]):
@@ -119,18 +127,30 @@ class AppearanceAnswerer:
         self.pace = 0.0  # of the last scene, and its seconds for each wavelength but for particles
 
     def answer(
-        self, exchange: Exchange, content: Content, folder: Path, viewing: Conditions, before: CardSpectra | None
+        self,
+        exchange: Exchange,
+        content: Content,
+        folder: Path,
+        viewing: Conditions,
+        before: CardSpectra | None,
+        over_base: bool = False,
     ) -> Appeared:
-        """Colours, gloss and hiding of a scene; colours alone are reported first, coarse ones before them if slow."""
+        """Colours, gloss and hiding of a scene, ``over_base``: its own in place of the white card; colours alone are
+        reported first, coarse ones before them if slow."""
         begin = time.perf_counter()
         import_colour_science()
-        content = {key: value for key, value in content.items() if key not in LEFT_OUT}
+        kept = ("base",) if over_base else ()
+        content = {key: value for key, value in content.items() if key in kept or key not in LEFT_OUT}
+        cards = (viewing.black, None if over_base else viewing.white)
+        sides = ("over black", "over the base" if over_base else "over white")
         is_new = False
 
         def describe(found: dict[str, CardSpectra], **more: Any) -> Appeared:
             notes = self._collect_notes(content, exchange.notes(LongSolveWarning))
             seconds = time.perf_counter() - begin
-            return describe_spectra(found[viewing.geometry], viewing, before, seconds=seconds, notes=notes, **more)
+            return describe_spectra(
+                found[viewing.geometry], viewing, before, seconds=seconds, notes=notes, sides=sides, **more
+            )
 
         def make(at: Array, progress: Progress | None = None) -> Panel:
             return make_panel(content, at, folder, progress, compute=self._compute, accuracy=ACCURACY)
@@ -142,17 +162,17 @@ class AppearanceAnswerer:
             panel = make(at[np.linspace(0, at.size - 1, COARSE).round().astype(int)])
             made = time.perf_counter() - begin
             if made * at.size / COARSE + self.pace * at.size > PATIENCE:
-                few = self._solve(panel, viewing.white, self.nodes or find_nodes(panel))
+                few = self._solve(panel, cards, self.nodes or find_nodes(panel))
                 few = {name: spread_over(one, at) for name, one in few.items()}
                 exchange.report(describe(few, coarse=True, follows=True))
             panel = make(at, exchange.check)
             begun = time.perf_counter()
             self.nodes = find_nodes(panel)
-            both = self._solve(panel, viewing.white, self.nodes, exchange.check)
+            both = self._solve(panel, cards, self.nodes, exchange.check)
             self.pace = (time.perf_counter() - begun) / at.size
             return both
 
-        both = self.found.find((content, folder, viewing.white), solve)
+        both = self.found.find((content, folder, cards), solve)
 
         def read() -> tuple[tuple[InstrumentReading, ...], tuple[str, ...]]:
             exchange.report(describe(both, follows=True))
@@ -169,13 +189,18 @@ class AppearanceAnswerer:
         return self.kinds.find((source, given), lambda: make_particles(source, given))
 
     def _solve(
-        self, panel: Panel, white: float, nodes: dict[str, Any], progress: Progress | None = None
+        self,
+        panel: Panel,
+        cards: tuple[float, float | None],
+        nodes: dict[str, Any],
+        progress: Progress | None = None,
     ) -> dict[str, CardSpectra]:
-        """Reflectance factors over black and over white, by geometry."""
-        bare = make_panel(panel, **nodes).put_over(None)
-        solved = [see_fields(bare.light(MU_I, 1.0, progress=progress))] * 2
-        if all(scene.base_is_reached for scene in bare.scenes):
-            solved[1] = see_fields(bare.put_over(Lambertian(white)).light(MU_I, 1.0, progress=progress))
+        """Reflectance factors over two albedos, None being the panel's own base, by geometry."""
+        panel = make_panel(panel, **nodes)
+        over = [panel if albedo is None else panel.put_over(Lambertian(albedo) if albedo else None) for albedo in cards]
+        solved = [see_fields(over[0].light(MU_I, 1.0, progress=progress))] * 2
+        if all(scene.base_is_reached for scene in panel.put_over(None).scenes):
+            solved[1] = see_fields(over[1].light(MU_I, 1.0, progress=progress))
         at = panel.wavelength_um
         return {name: CardSpectra(at, *(find_reflectance(one, name) for one in solved)) for name in GEOMETRIES}
 
@@ -207,7 +232,8 @@ def read_off(
         times, reason = Drawdown(panel, viewing, progress).find_hiding_times()
         if not times:
             raise SceneError(reason)
-        words = f"dry film whose contrast ratio is {TARGET:g} over black and a card of albedo {viewing.white:g}"
+        cards = f"cards of albedo {viewing.black:g} and {viewing.white:g}"
+        words = f"dry film whose contrast ratio is {TARGET:g} over {cards}"
         rows = ("hiding thickness", times * length, "um"), ("spreading rate", 1e3 / (times * length), "m2/l")
         for name, value, unit in rows:
             yield InstrumentReading(name, viewing.geometry, None, value, unit, words, "ISO 6504-1; ASTM D2805")
@@ -226,14 +252,15 @@ def list_readings(answer: Appeared) -> Iterator[InstrumentReading]:
     """Spectra, colours and contrast of an answer, one number a row."""
     viewing, spectra = answer.viewing, answer.spectra
     light, seen = f"{viewing.illuminant}, {viewing.observer} degree observer", viewing.geometry
-    cards = f"over a card of albedo 0 and one of {viewing.white:g}"
-    sides = ("over black", "over white"), (spectra.over_black, spectra.over_white), find_colours(spectra, viewing)
+    white = "the base of the scene" if answer.sides[1].endswith("base") else f"one of {viewing.white:g}"
+    cards = f"over a card of albedo {viewing.black:g} and {white}"
+    sides = answer.sides, (spectra.over_black, spectra.over_white), find_colours(spectra, viewing)
     for side, values, colour in zip(*sides, strict=True):
         words = f"of the film {side}, {cards}, where the perfect white diffuser has 1"
         name = f"reflectance factor {side}"
         yield from list_spectrum(name, seen, spectra.wavelength_um, values, "1", words, "CIE 15")
         yield from list_colour_readings(colour, seen, f" {side}")
-    words, difference = f"Y over black over Y over white, {cards}; {light}", f"CIEDE2000; {light}"
+    words, difference = f"Y {sides[0][0]} over Y {sides[0][1]}, {cards}; {light}", f"CIEDE2000; {light}"
     ratio, apart = "contrast ratio", "colour difference between both"
     yield InstrumentReading(ratio, seen, None, answer.contrast, "1", words, "ISO 6504-3; ASTM D2805")
     yield InstrumentReading(apart, seen, None, answer.apart, "1", difference, "ISO/CIE 11664-6")

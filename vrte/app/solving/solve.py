@@ -14,6 +14,7 @@ from vrte.app.form.content import Content
 from vrte.app.solving.tab_session import collect_bytes, read_bytes
 from vrte.app.solving.worker import Adopted, Exchange, Outcome, Planned, Progress, Reflectances, Written
 from vrte.appearance.colours import convert_to_hex
+from vrte.appearance.hiding import Conditions
 from vrte.basics.arrays import Array, put_in_one_line
 from vrte.basics.errors import MissingExtraError, Place, SceneError
 from vrte.calls.brdf import brdf
@@ -227,17 +228,18 @@ def write_tensor(exchange: Exchange, content: Content, folder: Path, wavelengths
     return Written("brdf.pbsdf", collect_bytes("brdf.pbsdf", write))
 
 
-def write_paint_page(exchange: Exchange, content: Content, folder: Path) -> Written:
-    """The page of the paint, as `vrte paint` writes it."""
+def write_report(exchange: Exchange, content: Content, folder: Path, suffix: str, viewing: Conditions) -> Written:
+    """The page or the sheet of the paint, as `vrte paint` writes it."""
     from vrte.app.solving.appearance import LEFT_OUT
     from vrte.appearance.paint import paint
 
     def progress(done: int, total: int) -> None:
         exchange.report(Progress(0.98 * done / max(total, 1), "reading off the paint"))
 
-    asked = {key: value for key, value in content.items() if key not in LEFT_OUT}
-    found = paint(asked, progress=progress, folder=folder)
-    return Written("paint.html", collect_bytes("paint.html", found.save))
+    asked = {key: value for key, value in content.items() if key == "base" or key not in LEFT_OUT}
+    light = viewing.illuminant, viewing.observer, viewing.white
+    found = paint(asked, None, *light, progress=progress, folder=folder)
+    return Written(f"paint{suffix}", collect_bytes(f"paint{suffix}", found.save))
 
 
 def adopt(exchange: Exchange, given: bytes | str, folder: Path, names: frozenset[str]) -> Adopted:

@@ -174,14 +174,15 @@ def choose_tensor_wavelengths(content: Content) -> tuple[float, ...]:
     return tuple(found)
 
 
-def make_colours_download(live: Any, content: Content) -> tuple[str, bytes]:
-    """Name and bytes of what the tab Appearance shows of the scene. Raises SceneError before it shows all."""
+def make_colours_download(live: Any, content: Content, with_comma: bool = False) -> tuple[str, bytes]:
+    """Name and bytes of what the tab Appearance shows of the scene, as a table for spreadsheets: with decimal commas
+    and semicolons where they write those. Raises SceneError before it shows all."""
     from vrte.app.solving.appearance import Appeared
     from vrte.pictures.appearance import write_table
 
     if not isinstance(live.answer, Appeared) or live.waits or live.answered is None or live.answered.content != content:
         raise SceneError("there are no colours of this scene yet: open the tab Appearance, and wait for its answer")
-    return "colours.csv", write_table(live.answer.readings).encode()
+    return "colours.csv", write_table(live.answer.readings, with_comma).encode("utf-8-sig")
 
 
 MOST_TABS = 100

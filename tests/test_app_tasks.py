@@ -1,0 +1,276 @@
+"""What a chemist does with the viewer, at three widths: clicks, scrolls and seconds that it takes, and how soon numbers
+follow a slider; `pytest -m slow -n 0 -s tests/test_app_tasks.py` prints the tables of docs/how_to/viewer.md."""
+
+import os
+import re
+import statistics
+import time
+from functools import cache
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte.app.form.checks import begin_with_material, write_link
+from vrte.formats.materials import list_paints
+from vrte.formats.toml_table import write_toml
+
+from .helpers import close_to
+from .test_app_browser import DROP, Tab
+from .viewer_server import viewer
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(find_spec("colour") is None, reason="colours take the extra appearance"),
+]
+WIDTHS = {1400: 900, 820: 1180, 390: 844}  # pixels, and the heights that go with them
+PATIENCE = 120_000  # milliseconds
+READ = r"""() => { const cells = row => [...row.children].map(one => one.textContent);
+    const rows = [...document.querySelectorAll('.vrte-look tr')].map(cells);
+    const found = Object.fromEntries(rows.map(row => [row[0].trim(), row.slice(1).map(Number)]));
+    const heading = document.querySelector('.vrte-now .vrte-heading').innerText;
+    return {L: found['L*'], contrast: Number(heading.match(/[\d.]+/))}; }"""
+FINAL = "!document.querySelector('.vrte-old') && [...document.querySelectorAll('.vrte-status .vrte-note')]" + (
+    ".some(one => /^16 wavelengths.* s$/.test(one.innerText))"
+)
+SEEN = """one => { const box = one.getBoundingClientRect(), bar = document.querySelector('.vrte-solve');
+    const end = getComputedStyle(bar).position === 'fixed' ? bar.getBoundingClientRect().top : innerHeight;
+    return box.top >= 46 && box.bottom <= end; }"""
+
+
+class Chemist(Tab):
+    """Counts what a person does: clicks, fields filled, files dropped and sliders moved, and scrolls to get there."""
+
+    clicks, scrolls = 0, 0
+
+    def reach(self, place: Any) -> Any:
+        """A place to click, once it is in sight."""
+        place.wait_for(timeout=PATIENCE)
+        if not place.evaluate(SEEN):
+            self.scrolls += 1
+            place.evaluate("one => one.scrollIntoView({block: 'center'})")
+        self.clicks += 1
+        return place
+
+    def click(self, name: str, role: Any = "button") -> None:
+        self.reach(self.page.get_by_role(role, name=name, exact=True).first).click()
+
+    def take(self, item: str) -> None:
+        """An item of the open menu."""
+        self.reach(self.page.locator(".q-menu .q-item").get_by_text(item, exact=True).first).click()
+
+    def type(self, label: str, text: str) -> None:
+        """Fills a field of the open tab, or else of the form."""
+        field = self.page.locator(".vrte-right").get_by_label(label, exact=True)
+        self.reach((field if field.count() else self.label(label)).first).fill(text)
+
+    def set(self, label: str, text: str) -> None:
+        """Types a number beside its slider, and waits until the form has it."""
+        self.type(f"{label}, number", text)
+        held = "text => [...document.querySelectorAll('.vrte-left input')].some(one => one.value === text)"
+        self.waits_for(held, arg=text)
+
+    def drop(self, text: str, name: str) -> None:
+        self.clicks += 1
+        self.evaluate(DROP, [text, name])
+
+    def finish(self) -> dict[str, Any]:
+        """The numbers of the tab Appearance, once all of them are there and of the form's scene."""
+        self.waits_for(FINAL, timeout=PATIENCE)
+        return dict(self.evaluate(READ))
+
+    def time_a_move(self, name: str, fraction: float) -> dict[str, float]:
+        """Milliseconds from a click on a slider to what changes then."""
+        bar = self.page.locator(f'.vrte-bars .q-slider[aria-label="{name}"]')
+        bar.scroll_into_view_if_needed()
+        box = bar.bounding_box()
+        self.rest(500)
+        self.evaluate(WATCH)
+        self.page.mouse.click(box["x"] + fraction * box["width"], box["y"] + box["height"] / 2)
+        self.waits_for("window.seen.all", timeout=PATIENCE)
+        return dict(self.evaluate("window.seen"))
+
+
+def make_paint(name: str, **changed: Any) -> dict[str, Any]:
+    """The content of a ready paint, with other keys of its table."""
+    content = list_paints()[name].content
+    return {**content, "paint": {**content["paint"], **changed}}
+
+
+@cache
+def measure_red() -> dict[str, float]:
+    """L*, a*, b* 45/0 of the red oxide paint over black with 6 % of hematite and 30 um."""
+    names = ["L", "a", "b"]
+    content = make_paint("red oxide", volume_fraction=0.06, thickness_um=30.0)
+    rows = vrte.Measurement(names, 0.0, geometry="45:0", illuminant="D65", observer=10)
+    return dict(zip(names, rows.predict(content, accuracy=1e-4).tolist(), strict=True))
+
+
+@cache
+def measure_white() -> str:
+    """The text of a spectrophotometer on the white gloss paint of 40 um over black."""
+    at = np.arange(440.0, 701.0, 20.0)
+    rows = vrte.Measurement("reflectance", 0.0, geometry="8:di", wavelength_um=at / 1e3)
+    read = 100.0 * rows.predict(make_paint("white gloss", thickness_um=40.0), accuracy=1e-4)
+    lines = [f"{nm:.0f};{value:.3f}".replace(".", ",") for nm, value in zip(at, read, strict=True)]
+    return "\n".join(["nm;White", *lines, ""])
+
+
+def fit(one: Chemist, *numbers: str) -> None:
+    """Fits numbers of the form to the measurement that was dropped, and takes what was found."""
+    for number in numbers:
+        one.click(number, "checkbox")
+    one.click("Fit")
+    one.page.get_by_text("What fits best").first.wait_for(timeout=PATIENCE)
+    one.click("Take these values")
+
+
+def match_a_white(one: Chemist) -> None:
+    """L* 95 over black: thicknesses are tried until it has that."""
+    one.click("A paint")
+    low, high, found = 5.0, 120.0, one.finish()
+    while abs(found["L"][0] - 95.0) > 0.1:
+        middle = (low * high) ** 0.5
+        one.set("thickness", f"{middle:.3g}")
+        found = one.finish()
+        low, high = (middle, high) if found["L"][0] < 95.0 else (low, middle)
+
+
+def match_a_red(one: Chemist) -> None:
+    """The red oxide paint over black, by its load and thickness, to the colour of another."""
+    one.click("A paint")
+    one.click("Begin with a paint")
+    one.take("Red oxide paint")
+    one.finish()
+    target = measure_red()
+    one.drop(
+        "quantity,geometry,illuminant,observer,value\n"
+        + "".join(f"{name},45:0,D65,10,{value:.3f}\n" for name, value in target.items()),
+        "red.csv",
+    )
+    fit(one, "layer 2: hematite: volume fraction")
+    one.click("Appearance", "tab")
+    found = one.finish()
+    assert found["L"][0] == close_to(target["L"], rtol=0.0, atol=0.1)
+
+
+def fit_a_thickness(one: Chemist) -> None:
+    """A white of 40 um measured in a sphere over black, as its software writes it: semicolons and decimal commas."""
+    one.click("A paint")
+    one.finish()
+    one.drop(measure_white(), "white.txt")
+    one.says("geometry='8:di' (sphere")
+    one.type("what the file leaves open", "geometry='8:di'")
+    one.says("by their size")
+    fit(one, "layer 2: thickness [µm]")
+    one.holds("thickness [µm]", one.value("thickness [µm]"))
+    assert float(one.value("thickness [µm]")) == close_to(40.0, rtol=0.01, atol=0.0)
+
+
+def compare_roughnesses(one: Chemist) -> None:
+    """The matt white, and how it changes with a roughness of 0.2."""
+    one.click("A paint")
+    one.click("Begin with a paint")
+    one.take("White matt paint")
+    one.finish()
+    one.click("Compare with this from now on")
+    one.set("roughness", "0.2")
+    one.finish()
+    one.says(re.compile(r"ΔE2000 from before: over black [\d.]+"))
+
+
+def tabulate(one: Chemist) -> None:
+    """A paint's numbers as a table."""
+    one.click("A paint")
+    one.finish()
+    with one.page.expect_download() as waiting:
+        one.click("Numbers, CSV")
+    assert "hiding thickness" in waiting.value.path().read_text(encoding="utf-8-sig")
+
+
+def open_yesterdays(one: Chemist) -> None:
+    """A scene that was saved, with its colours."""
+    content = begin_with_material(list_paints()["red oxide"])[0]
+    one.drop(write_toml(content), "yesterday.toml")
+    one.holds("thickness [µm]", "50")
+    if not one.page.get_by_text("contrast ratio").first.is_visible():
+        one.click("Appearance", "tab")
+    one.finish()
+
+
+def open_a_link(one: Chemist) -> None:
+    """A scene from an address, with its colours."""
+    link = write_link(begin_with_material(list_paints()["red oxide"])[0])
+    one.clicks += 1
+    one.evaluate("text => { location.hash = `scene=${text}`; }", link)
+    one.holds("thickness [µm]", "50")
+    if not one.page.get_by_text("contrast ratio").first.is_visible():
+        one.click("Appearance", "tab")
+    one.finish()
+
+
+TASKS = {  # and the clicks that each may take
+    "a white of L* 95 over black": (match_a_white, 8),
+    "a red matched to a Lab": (match_a_red, 8),
+    "two roughnesses compared": (compare_roughnesses, 5),
+    "a thickness fitted to an own file": (fit_a_thickness, 6),
+    "numbers to a spreadsheet": (tabulate, 2),
+    "yesterday's file opened": (open_yesterdays, 1),
+    "a link opened": (open_a_link, 1),
+}
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_tasks_take_few_clicks(chromium: Any, width: int) -> None:
+    """Each in a tab of its own; seconds are those of the page, without the person's."""
+    wrong: list[str] = []
+    taken: dict[str, int] = {}
+    with viewer() as url:
+        for words, (work, _) in TASKS.items():
+            one = Chemist(chromium, url, (width, WIDTHS[width]), accept_downloads=True)
+            one.page.get_by_text(re.compile("^Solved: ")).first.wait_for(timeout=PATIENCE)
+            begin = time.perf_counter()
+            work(one)
+            seconds = time.perf_counter() - begin
+            load = os.getloadavg()[0]
+            print(f"{width} | {words} | {one.clicks} | {one.scrolls} | {seconds:.1f} | load {load:.0f}", flush=True)
+            wrong += one.wrong
+            taken[words] = one.clicks
+            one.context.close()
+    assert wrong == []
+    assert {words: clicks for words, clicks in taken.items() if clicks > TASKS[words][1]} == {}
+
+
+WATCH = r"""() => { const numbers = () => document.querySelector('.vrte-look table')?.textContent ?? '';
+    const before = numbers(), begun = performance.now(), seen = window.seen = {};
+    const note = name => { seen[name] ??= performance.now() - begun; };
+    const look = () => {
+        if (numbers() === before || !numbers().includes('h [') || document.querySelector('.vrte-old')) return;
+        const status = document.querySelector('.vrte-status .vrte-note').textContent;
+        note('first');
+        if (/^16 wavelengths/.test(status)) note('colours');
+        if (/^16 wavelengths.* s$/.test(status)) note('all'); };
+    const what = {subtree: true, childList: true, characterData: true, attributes: true};
+    new MutationObserver(look).observe(document.querySelector('.vrte-right'), what); }"""
+MOVES = 0.45, 0.6, 0.5, 0.65, 0.55  # of a slider's length
+
+
+def test_numbers_follow_a_slider_soon(chromium: Any) -> None:
+    """Milliseconds to the first numbers, to the final colours, and to gloss and hiding: medians of moves."""
+    with viewer() as url:
+        one = Chemist(chromium, url, (1400, 900))
+        for paint in ("Rutile in alkyd", "White gloss paint", "White matt paint"):
+            one.go_to("Appearance")
+            one.begin_with(paint)
+            one.finish()
+            bars = one.page.locator(".vrte-bars .q-slider").all()
+            for name in [
+                bar.get_attribute("aria-label") for bar in bars if "card" not in bar.get_attribute("aria-label")
+            ]:
+                times = [one.time_a_move(name, fraction) for fraction in MOVES]
+                took = {key: round(statistics.median(each[key] for each in times)) for key in times[0]}
+                print(f"{paint} | {name} | {took} | load {os.getloadavg()[0]:.0f}", flush=True)
+                assert took["first"] <= took["colours"] <= took["all"]
+        one.context.close()
