@@ -11,6 +11,7 @@ import vrte
 from vrte.app.form.content import START, Content
 from vrte.app.form.numbers import list_free_numbers, put_values
 from vrte.app.page.free_numbers import choose_free, find_places
+from vrte.app.page.measurement_panel import list_answers
 from vrte.app.solving import measuring
 from vrte.app.solving.measuring import Comparer, describe_measured, fit_scene, is_measurement, list_shown
 from vrte.app.solving.tab_session import TabSession
@@ -41,6 +42,21 @@ ROWS = vrte.Measurement(
 
 def change(**layer: Any) -> Content:
     return {**HAZE, "layer": [{**HAZE["layer"][0], **layer}]}
+
+
+def test_answers_to_questions_can_be_clicked(tmp_path: Path) -> None:
+    """Each answer that a question names, given back, is understood."""
+    (tmp_path / "two.txt").write_text("nm;A;B\n500;60;70\n600;65;70\n")
+    with pytest.raises(vrte.SceneError) as asked:
+        vrte.read_measurement(tmp_path / "two.txt")
+    answers = list_answers(str(asked.value))
+    geometries = [f"geometry='{name}'" for name in ("8:di", "8:de", "45:0")]
+    assert answers == ["sample='A'", "base={'A': 0.0, 'B': 0.8}", *geometries]
+    for sample in answers[:2]:
+        for geometry in geometries:
+            read = measuring.read_limited((tmp_path / "two.txt").read_bytes(), ".txt", f"{sample}, {geometry}")
+            assert len(read) == (4 if sample.startswith("base") else 2)
+    assert list_answers("line 2: value must be a number, not 'bright'") == []
 
 
 @pytest.fixture(scope="module")

@@ -247,7 +247,7 @@ WATCH = r"""() => { const numbers = () => document.querySelector('.vrte-look tab
     const before = numbers(), begun = performance.now(), seen = window.seen = {};
     const note = name => { seen[name] ??= performance.now() - begun; };
     const look = () => {
-        if (numbers() === before || !numbers().includes('h [') || document.querySelector('.vrte-old')) return;
+        if (numbers() === before || !numbers().includes('h [') || document.querySelector('.vrte-old.vrte-now')) return;
         const status = document.querySelector('.vrte-status .vrte-note').textContent;
         note('first');
         if (/^16 wavelengths/.test(status)) note('colours');

@@ -49,6 +49,7 @@ class AppearancePanel:
         self.drawn: Any = None  # units, and what they ask for
         self.missing = ""
         self.shown: Any = None
+        self.figure: Any = None  # what it shows, and whether in the dark
         self.moved: Place | None = None
         with ui.row().classes("w-full gap-2 pt-3 items-center vrte-looks"):
             classes = "px-2 vrte-begin"
@@ -77,7 +78,6 @@ class AppearancePanel:
         self.bars = ui.element("div").classes("vrte-bars")
         self.needs = ui.row().classes("w-full gap-x-6 gap-y-1 px-2 items-center")
         with ui.row().classes("w-full items-center gap-2 no-wrap vrte-status") as self.progress:
-            self.spinner = ui.spinner(size="16px")
             self.status = add_note()
             self.stop = controls.add_button("Stop", "stop", self.end, f"{controls.QUIET} {controls.DANGER}")
         self.spoken = add_note("vrte-hidden", "status aria-live=polite")
@@ -280,7 +280,7 @@ class AppearancePanel:
         live.refresh()
         if live.answer is not self.shown:
             self._show()
-        show(live.waits, self.spinner, self.stop)
+        show(live.waits, self.stop)
         asked, now = live.answered, (self.session.content, self.view["viewing"], self.view["over_base"])
         old = asked is None or (asked.content, asked.more["viewing"], asked.more["over_base"]) != now
         show(old, self.old)
@@ -335,33 +335,35 @@ class AppearancePanel:
         self.changed.set_text(f"ΔE2000 from before: {'; '.join(changed)}" if changed else "")
         glosses = {one.geometry.partition(":")[0]: one.value for one in answer.readings if one.quantity == "gloss"}
         values = " / ".join(f"{value:.1f}" for value in glosses.values())
-        self.gloss.set_text(f"gloss {'/'.join(f'{angle}°' for angle in glosses)}: {values} GU" if glosses else "")
+        gloss = f"gloss {'/'.join(f'{angle}°' for angle in glosses)}: {values} GU" if glosses else ""
         read = {one.quantity: one.value for one in answer.readings}
         length, rate = read.get("hiding thickness", 0.0), read.get("spreading rate", 0.0)
         (film, unit), target = self.view["units"].convert_film(length), appearance.TARGET
         rate *= length / film if film else 1.0
-        self.hiding.set_text(
-            f"hiding thickness {film:.3g} {unit} (contrast ratio {target:g}), {rate:.3g} m²/l" if length else ""
-        )
+        hiding = f"hiding thickness {film:.3g} {unit} (contrast ratio {target:g}), {rate:.3g} m²/l" if length else ""
+        waits = ("gloss and", "hiding thickness are being worked out") if answer.follows else ("", "")  # nothing jumps
+        for line, text, words in zip((self.gloss, self.hiding), (gloss, hiding), waits, strict=True):
+            line.set_text(text or words)
         self._learn_gloss()
-        self.numbers.clear()
-        with self.numbers:
-            rows = [[label, *(f"{shade.numbers[key]:.2f}" for shade in shades)] for key, label in NAMES.items()]
-            controls.add_table("", ["", *answer.sides], rows)
         beyond = shades[0].extrapolation
         notes = [f"light beyond the wavelengths: {beyond}"] if beyond else []
         sentences = "; ".join([*notes, *answer.why_none, *answer.notes])
         self.notes.set_text(translate_message(sentences, self.session.content))
         at = answer.spectra.wavelength_um
         words = f"coarse: {appearance.COARSE}" if answer.coarse else f"{at.size}"
-        more = "" if answer.coarse or not answer.follows else "; gloss and hiding thickness are being worked out"
         ends = f"{at[0]:.4g} to {at[-1]:.4g} µm, accuracy {appearance.ACCURACY:g}"
-        self.status.set_text(f"{words} wavelengths, {ends}; {answer.seconds:.2f} s{more}")
+        self.status.set_text(f"{words} wavelengths, {ends}; {answer.seconds:.2f} s" + "; more follows" * answer.follows)
         if not answer.follows:
             self.spoken.set_text("; ".join(one.text for one in (self.contrast, self.apart, self.hiding) if one.text))
-        self.results.draw_figure(
-            "appearance", spectra(answer.spectra, self.view.get("before"), answer.viewing.geometry)
-        )
+        self.numbers.clear()
+        with self.numbers:
+            rows = [[label, *(f"{shade.numbers[key]:.2f}" for shade in shades)] for key, label in NAMES.items()]
+            controls.add_table("", ["", *answer.sides], rows)
+        figure = spectra(answer.spectra, self.view.get("before"), answer.viewing.geometry)
+        wanted = figure.to_json(), bool(self.view.get("dark"))
+        if wanted != self.figure:  # gloss and hiding change no curve
+            self.figure = wanted
+            self.results.draw_figure("appearance", figure)
 
 
 def make_swatch() -> tuple[Any, Any, Any]:

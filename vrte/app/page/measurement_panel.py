@@ -1,5 +1,6 @@
 """The tab that shows a measurement over the scene of the form, and fits the scene's numbers to it."""
 
+import re
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -49,6 +50,7 @@ class MeasurementPanel:
             self.shown = controls.select([], None, "shown", self.look, 250)
             self.name = add_note()
         self.message = add_message("vrte-warning w-full mt-2", "status")
+        self.offers = ui.row().classes("gap-2")  # answers to what the file leaves open, to click
         self.understood = add_note()
         self.nothing = ui.label(NOTHING).classes("vrte-empty")
         with ui.column().classes("w-full gap-2 no-wrap pb-4") as self.answer:
@@ -178,7 +180,9 @@ class MeasurementPanel:
         wrong = f"the form waits: {self.session.wrong[0]}" if self.session.wrong else ""
         beside = "; ".join(filter(None, (compared.message, *compared.notes))) if compared else ""
         text = self.view.get("refused") or refused or (wrong or beside if given is not None else "")
-        self.message.set_text(text)
+        if text != self.message.text:
+            self.message.set_text(text)
+            self._offer(list_answers(text))
         show(given is None, self.nothing)
         self.understood.set_text("; ".join(compared.measured.understood) if compared else "")
         self.name.set_text(given[0] if given else "")
@@ -186,6 +190,17 @@ class MeasurementPanel:
         if compared is not None:
             self._draw(compared)
             self._write_result()
+
+    def _offer(self, answers: list[str]) -> None:
+        """A button for each answer to a question."""
+        self.offers.clear()
+        with self.offers:
+            for one in answers:
+                add_button(one, "add", partial(self.answer_with, one), "outline dense", "px-2")
+
+    def answer_with(self, answer: str) -> None:
+        """Adds an answer to what the file leaves open, and reads it once more."""
+        self.keywords.set_value(", ".join(filter(None, [self.view.get("keywords", ""), answer])))
 
     def _draw(self, compared: Compared) -> None:
         """Draws the table of what was read, and the figure over it."""
@@ -252,3 +267,13 @@ class MeasurementPanel:
                     add_table("vrte-columns whitespace-nowrap", ["", *map(str, range(1, len(names) + 1))], below)
             add_bullets("What these data cannot tell", tuple(replace_keys(one, names) for one in fitted.sentences))
             add_bullets("To be known", tuple(replace_keys(one, names) for one in fitted.notes))
+
+
+def list_answers(question: str) -> list[str]:
+    """The answers that a question about a file names, as they are written into the field."""
+    plain = re.sub(r" \([^)]*\)", "", question)
+    found = []
+    for name, values in re.findall(r"(\w+)=(.*?) (?:says|takes)", plain):
+        listed = [values] if values.startswith("{") else re.findall(r"'[^']*'|\d+", values)
+        found += [f"{name}={value}" for value in listed]
+    return found
