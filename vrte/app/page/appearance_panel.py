@@ -132,7 +132,7 @@ class AppearancePanel:
                 self.cards[side] = NumberSlider(f"albedo of the {side} card", ends, 0.01, THROTTLE, *acts)
         self.needs.clear()
         _, densities = self.drawn
-        asked = {"volume solids [%]": (units.solids and 100.0 * units.solids, self.type_solids)}
+        asked = {"volume solids of the wet film [%]": (units.solids and 100.0 * units.solids, self.type_solids)}
         asked = asked if WET in units.chosen.values() else {}
         asked |= {
             f"density of {name} [kg/l]": (one, partial(self.type_density, name)) for name, one in densities.items()
