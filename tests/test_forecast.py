@@ -3,7 +3,6 @@
 import math
 import re
 import time
-import tracemalloc
 import warnings
 from collections.abc import Callable
 from functools import partial
@@ -20,7 +19,6 @@ from vrte.basics.running import start_run
 from vrte.calls import plan
 from vrte.calls.plan import make_request
 from vrte.calls.plan import predict_seconds as predict_call
-from vrte.discrete_ordinates.planning import memory
 from vrte.methods import find_method, make_run, predict_seconds
 from vrte.request.how import METHODS
 from vrte.request.request import Request
@@ -144,21 +142,6 @@ def test_flakes_and_facets_are_not_brief() -> None:
         layers = [top] if isinstance(top, vrte.Layer) else [top, vrte.Layer(vrte.rayleigh(), 0.9, 1.0)]
         request = make_request("brdf", vrte.Scene(layers), 0.5, 0.5, nodes=4, threads=2)
         assert make_run(request).brief is is_brief
-
-
-def test_memory_of_rough_surfaces_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """All orders of what facets send on are there at once: three times what all else takes."""
-    reported: list[float] = []
-    count = memory.count_doubles_needed
-    monkeypatch.setattr(
-        memory, "count_doubles_needed", lambda *given: reported.append(8 * count(*given)) or reported[-1] / 8
-    )
-    mu = np.linspace(0.05, 1.0, 20)
-    tracemalloc.start()
-    vrte.brdf(ROUGH, mu, mu, nodes=24, threads=1)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert 0.5 * peak < reported[0] < 3.0 * peak
 
 
 def test_derivatives_by_invariance_are_predicted() -> None:
