@@ -163,43 +163,23 @@ cdef int add_single_scattering_one(const Arrays* s, int item, Workspace desk) no
 
 
 cdef int see_scattered_one(Arrays* t, int item, Workspace desk) noexcept nogil:
-    """All azimuths of one pair of directions, four columns at a time."""
-    cdef int i = item // t.n_seen, n_col = t.n_col, source, f, a, b, c, column, width
-    cdef size_t first
-    cdef double power[16]
-    cdef double escape[16]
-    cdef double light[16]
-    cdef double found[16]
-    cdef given one
-    cdef doubles seen
-    for column in range(0, n_col, 4):
-        width = min(4, n_col - column)
-        for source in range(t.n_source):
-            set_zero(16, power)
+    """All azimuths of one pair of directions: escape and power are one matrix that acts on the elements of Z."""
+    cdef int i = item // t.n_seen, n_col = t.n_col, source, a, b, c, d, elements = 16, wide = 4 * n_col
+    cdef double one = 1.0
+    cdef given power, escape, scattered
+    cdef doubles acts = t.acts
+    for source in range(t.n_source):
+        power = t.power + (<size_t>source * t.n_in + i) * wide
+        for b in range(4):
             for a in range(4):
-                for b in range(4):
-                    escape[4 * a + b] = t.escapes[(<size_t>a * t.n_source + source) * 4 + b]
-                for c in range(width):
-                    power[4 * a + c] = t.power[((<size_t>source * t.n_in + i) * 4 + a) * n_col + column + c]
-            if largest_of(16, power) == 0.0 or largest_of(16, escape) == 0.0:
-                continue
-            first = (<size_t>t.scatterer_of[source] * t.n_in + i) * t.n_sight + t.sight_of[0]
-            for f in range(t.n_phi):
-                one = t.scattered + (first * t.n_phi + f) * 16
-                four_by_four(one, power, light)
-                four_by_four(escape, light, found)
-                seen = t.seen + <size_t>f * 4 * n_col + column
-                for a in range(4):
-                    for c in range(width):
-                        seen[a * n_col + c] += found[4 * a + c]
+                escape = t.escapes + (<size_t>a * t.n_source + source) * 4
+                for c in range(4):
+                    for d in range(n_col):
+                        acts[(4 * b + c) * wide + a * n_col + d] = escape[b] * power[c * n_col + d]
+        if largest_of(elements * wide, acts) > 0.0:
+            scattered = t.scattered + (((<size_t>t.scatterer_of[source] * t.n_in + i) * t.n_sight + t.sight_of[0])
+                                       * t.n_phi * elements)
+            dgemm(b"N", b"N", &wide, &t.n_phi, &elements, &one, acts, &wide, <doubles>scattered, &elements, &one,
+                  t.seen, &wide)
     return 0
 
-
-cdef inline void four_by_four(given a, given b, doubles c) noexcept nogil:
-    """c = a b, rows first; c is neither of them."""
-    cdef int i, k
-    cdef double a0, a1, a2, a3
-    for i in range(4):
-        a0, a1, a2, a3 = a[4 * i], a[4 * i + 1], a[4 * i + 2], a[4 * i + 3]
-        for k in range(4):
-            c[4 * i + k] = a0 * b[k] + a1 * b[4 + k] + a2 * b[8 + k] + a3 * b[12 + k]

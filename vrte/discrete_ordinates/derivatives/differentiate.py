@@ -1,7 +1,7 @@
 """Derivatives of what a plan asks for, one for each variation: orders, light scattered once, and fluxes."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -25,13 +25,13 @@ from vrte.discrete_ordinates.derivatives.semi_infinite import change_semi_infini
 from vrte.discrete_ordinates.derivatives.slab_stack import ChangedOrders, Differentiating
 from vrte.discrete_ordinates.execution.carry_out import make_target
 from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR, choose_threads
-from vrte.discrete_ordinates.execution.sums import Light, Part, Share, make_parts
+from vrte.discrete_ordinates.execution.sums import Light, Share, make_parts
 from vrte.discrete_ordinates.execution.through_interfaces import (
     Scatter,
     Vertex,
+    add_scattered,
+    add_vertices,
     list_vertices,
-    show_scattered,
-    show_vertices,
 )
 from vrte.discrete_ordinates.orders.beam_paths import BeamPaths
 from vrte.discrete_ordinates.orders.invariance import find_allowed_residuals
@@ -42,7 +42,7 @@ from vrte.discrete_ordinates.orders.truncating import count_terms_carried
 from vrte.discrete_ordinates.planning.blocks import Block
 from vrte.discrete_ordinates.planning.order_bounds import list_stokes_sets
 from vrte.discrete_ordinates.planning.plan import Plan, make_plan, split_by_polarization
-from vrte.request.request import Wanted, find_under
+from vrte.request.request import find_under
 from vrte.results.result import Solution
 from vrte.scene.beams import locate_depths
 from vrte.scene.boundary import BLACK
@@ -328,23 +328,17 @@ def add_up_all(routes: Routes, lights: list[list[Light]], run: Run) -> list[list
         for weight, moved in change[0].moved:
             one = move_problem(replace_unchecked(problem, stokes=ALL), moved)
             own_sights, vertices = list_vertices(one, moved.scene.below, target.azimuths, run)
+            weighted = [vertex.weigh(weight * wanted.scale) for vertex in vertices]
             for part in parts[-1]:
-                given = own_sights, vertices, problem.n_up, part.levels, part.rows, 0, wanted.scale.size
-                put_light(part, wanted, weight, show_vertices(*given))
+                given = problem.n_up, part.levels, part.rows, wanted.place, part.values
+                add_vertices(own_sights, weighted, *given)
     for scatter, pairs in scattered.items():
         found = scatter(0, wanted.scale.size)
         for k, vertex in pairs:
             for part in parts[k]:
-                seen = show_scattered(sights, vertex, found, problem.n_up, part.levels, part.rows)
-                put_light(part, wanted, 1.0, seen)
+                given = problem.n_up, part.levels, part.rows, wanted.place, part.values
+                add_scattered(sights, vertex.weigh(wanted.scale), found, *given)
     return [[part.values for part in some] for some in parts]
-
-
-def put_light(part: Part, wanted: Wanted, weight: float, seen: Iterable[tuple[int, Array]]) -> None:
-    """Adds weighted light of some levels (n_in, n_row, n_phi, 4, n_col) to a part of what is wanted."""
-    for t, light in seen:
-        for column, at in enumerate(wanted.place.tolist()):
-            part.values[t, ..., at] += weight * wanted.scale[:, None, None, None] * light[..., column]
 
 
 def find_carried(plan: Plan) -> int:

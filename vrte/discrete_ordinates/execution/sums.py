@@ -14,7 +14,7 @@ from vrte import _core
 from vrte.basics import cost
 from vrte.basics.arrays import Array, BoolArray, IntArray, record, replace_unchecked
 from vrte.basics.running import Run
-from vrte.discrete_ordinates.execution.through_interfaces import list_vertices, show_vertices
+from vrte.discrete_ordinates.execution.through_interfaces import add_vertices, list_vertices
 from vrte.discrete_ordinates.orders.discretise import sort_up_first
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.single_scattering import add_base_reflected, find_scatterers, scatter_by_orders
@@ -358,16 +358,10 @@ def prepare_vertices(target: Target, run: Run) -> Adder:
     """What adds light scattered or reflected once, seen through interfaces."""
     wanted, n_up = target.wanted, target.problem.n_up
     sights, vertices = list_vertices(target.problem, target.scene.below, target.azimuths, run)
-    scaled = [replace(each, power=each.power * wanted.scale[:, None, None]) for each in vertices]
+    scaled = [vertex.weigh(wanted.scale) for vertex in vertices]
 
     def add(share: Share) -> None:
-        part, (first, last) = share.part, (share.first, share.last)
-        apart = wanted.place.size == part.values.shape[-1] and bool((np.diff(wanted.place) == 1).all())
-        for t, light in show_vertices(sights, scaled, n_up, part.levels, part.rows, first, last):
-            if apart:  # each column has its own place, in order
-                part.values[t, first:last] += light
-                continue
-            for column, at in enumerate(wanted.place.tolist()):
-                part.values[t, first:last, ..., at] += light[..., column]
+        part, onto = share.part, share.part.values[:, share.first : share.last]
+        add_vertices(sights, scaled, n_up, part.levels, part.rows, wanted.place, onto, share.first)
 
     return add

@@ -1,7 +1,7 @@
 """Light scattered or reflected once, as it is seen through interfaces: in closed form over all Fourier orders."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -46,6 +46,10 @@ class Vertex:
     scatter: Scatter
     of: IntArray
     is_surface: bool = False
+
+    def weigh(self, weights: Array) -> "Vertex":
+        """With the power of each incident direction weighed, (n_in,)."""
+        return replace(self, power=self.power * weights[:, None, None])
 
 
 def make_vertex(power: Array, escapes: Array, scatter: Scatter, is_surface: bool = False) -> Vertex:
@@ -291,29 +295,44 @@ def make_base_reflector(base: Boundary, media: Media, into: Array, sights: Sight
     return scatter
 
 
-def show_vertices(
-    sights: Sights, vertices: list[Vertex], n_up: int, levels: IntArray, rows: IntArray, first: int, last: int
-) -> Iterator[tuple[int, Array]]:
-    """What is seen at each level from the incident directions first .. last - 1: (n_in, n_row, n_phi, 4, n_col)."""
+def add_vertices(
+    sights: Sights,
+    vertices: list[Vertex],
+    n_up: int,
+    levels: IntArray,
+    rows: IntArray,
+    place: IntArray,
+    onto: Array,
+    first: int = 0,
+) -> None:
+    """Adds what is seen at each level from the incident directions from ``first`` on, each column at its ``place``:
+    onto (n_level, n_in, n_row, n_phi, 4, n_place)."""
+    last = first + onto.shape[1]
     for vertex in vertices:
-        power = np.ascontiguousarray(vertex.power[:, first:last])
-        yield from show_scattered(sights, replace(vertex, power=power), vertex.scatter(first, last), n_up, levels, rows)
+        own = replace(vertex, power=np.ascontiguousarray(vertex.power[:, first:last]))
+        add_scattered(sights, own, vertex.scatter(first, last), n_up, levels, rows, place, onto)
 
 
-def show_scattered(
-    sights: Sights, vertex: Vertex, scattered: Array, n_up: int, levels: IntArray, rows: IntArray
-) -> Iterator[tuple[int, Array]]:
+def add_scattered(
+    sights: Sights,
+    vertex: Vertex,
+    scattered: Array,
+    n_up: int,
+    levels: IntArray,
+    rows: IntArray,
+    place: IntArray,
+    onto: Array,
+) -> None:
     """The same of what the vertex has ``scattered``, of all of its power."""
     flip = np.where((rows < n_up)[:, None], FLIP, 1.0)[:, :, None, None]
-    for t, level in enumerate(levels.tolist()):
+    in_order = place.size == onto.shape[-1] and bool((np.diff(place) == 1).all())
+    for level, light in zip(levels.tolist(), onto, strict=True):
         escapes = np.ascontiguousarray(flip * vertex.escapes[level, rows] * sights.index[level] ** 2)
         if escapes.any():
-            yield (
-                t,
-                _core.see_scattered(
-                    np.ascontiguousarray(scattered), vertex.power, escapes, vertex.of, sights.place[level, rows]
-                ),
-            )
+            given = np.ascontiguousarray(scattered), vertex.power, escapes, vertex.of, sights.place[level, rows]
+            seen = _core.see_scattered(*given, light if in_order else None)
+            for column, at in enumerate([] if in_order else place.tolist()):
+                light[..., at] += seen[..., column]
 
 
 def find_rough_reflection(scene: Scene, mu_i: Array, mu_o: Array, phi: Array, run: Run) -> Array:
@@ -323,6 +342,5 @@ def find_rough_reflection(scene: Scene, mu_i: Array, mu_o: Array, phi: Array, ru
     surfaces = [vertex for vertex in vertices if vertex.is_surface]
     found = np.zeros((mu_i.size, mu_o.size, phi.size, 4, 4))
     level, rows = np.zeros(1, np.int32), np.arange(mu_o.size, dtype=np.int32)
-    for _, light in show_vertices(sights, surfaces, mu_o.size, level, rows, 0, mu_i.size):
-        found += light / mu_i[:, None, None, None, None]
-    return found
+    add_vertices(sights, surfaces, mu_o.size, level, rows, COLUMNS, found[None])
+    return found / mu_i[:, None, None, None, None]

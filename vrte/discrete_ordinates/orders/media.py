@@ -122,12 +122,16 @@ class Sights:
 
 def list_sights(media: Media, mu_out: Array) -> Sights:
     """The cosines of all outgoing directions mu_out (n_out,) in the media in which the requested depths lie."""
-    index = media.depths.medium(media.scene.media)
-    own, kind = np.unique(index, return_inverse=True)
-    mu, row = np.unique(mu_out, return_inverse=True)
-    cosines = np.concatenate([find_cosines(media.scene.media, n, mu) for n in own.tolist()], axis=1)
-    place = kind[:, None] * mu.size + row
-    return Sights(cosines, place.astype(np.int32), index)
+
+    def find() -> Sights:
+        index = media.depths.medium(media.scene.media)
+        own, kind = np.unique(index, return_inverse=True)
+        mu, row = np.unique(mu_out, return_inverse=True)
+        cosines = np.concatenate([find_cosines(media.scene.media, n, mu) for n in own.tolist()], axis=1)
+        place = kind[:, None] * mu.size + row
+        return Sights(cosines, place.astype(np.int32), index)
+
+    return media.find_once(find, "sights", mu_out)
 
 
 def join_pieces(interfaces: Interfaces, cut: Cut) -> Interfaces:

@@ -48,6 +48,13 @@ def replace_dark(cosines: Array) -> Array:
     return np.where(cosines > 0.0, cosines, 1.0)
 
 
+def act(matrices: Array, light: Array) -> Array:
+    """What matrices (n, S, S) of as many directions make of light (..., n, S)."""
+    first = np.moveaxis(light, -2, 0)
+    found = first.reshape(len(matrices), -1, light.shape[-1]) @ matrices.swapaxes(1, 2)
+    return np.moveaxis(found.reshape(first.shape), 0, -2)
+
+
 class SingleInterface(ABC):
     """Layers under one interface, which is a boundary condition at their top."""
 
@@ -170,11 +177,11 @@ class UnderSmooth(SingleInterface):
         for t, (up, down, straight) in enumerate(depths):
             here = light[:, t + first]
             if self.within[t]:
-                returned = light[:, 0][..., down, None, :] @ self.back[down].swapaxes(1, 2)
+                returned = act(self.back[down], light[:, 0][..., down, :])
                 found[:, t, ..., :n_up, :] = here[..., up, :]
-                found[:, t, ..., n_up:, :] = here[..., n_sight + down, :] + straight * returned[..., 0, :]
+                found[:, t, ..., n_up:, :] = here[..., n_sight + down, :] + straight * returned
             else:
-                found[:, t, ..., :n_up, :] = (here[..., up, None, :] @ self.through[up].swapaxes(1, 2))[..., 0, :]
+                found[:, t, ..., :n_up, :] = act(self.through[up], here[..., up, :])
         return found
 
 
