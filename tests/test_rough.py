@@ -10,6 +10,7 @@ import vrte
 from vrte.basics.arrays import Array
 from vrte.basics.quadrature import make_refracted_nodes
 from vrte.basics.running import Run
+from vrte.discrete_ordinates.orders import discretise
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.refracting import Refracting
 from vrte.discrete_ordinates.orders.rough import FacetOrders
@@ -38,6 +39,20 @@ def test_the_rough_sea_over_water_that_is_published() -> None:
             mu0, mu = np.cos(np.radians([30.0, angle]))
             found = np.pi * vrte.brdf(vrte.Scene([SEA, water]), mu0, mu, phi, nodes=24).mueller[0, 0, 0, :3, 0]
             assert_close(found, expected, rtol=0.0, atol=5e-6)
+
+
+def test_what_the_last_surface_lets_through_takes_no_orders(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its lobe is narrow, and meets particles of few terms alone: as many orders as that has change nothing."""
+    found = []
+    for albedo, width in ((0.9, None), (0.9 + 1e-12, 0.1)):
+        if width is not None:
+            monkeypatch.setattr(discretise, "find_lobe_width", lambda interface, goes_on, width=width: width)
+        layers = [vrte.Layer(vrte.rayleigh(), albedo, thickness) for thickness in (0.3, 1.0)]
+        stack = [vrte.Interface(1.0, 1.5), layers[0], vrte.Interface(1.5, 1.33, 0.3), layers[1]]
+        found.append(vrte.brdf(vrte.Scene(stack), [0.2, 0.9], [0.3, 0.8], [0.0, 70.0], nodes=8))
+    few, many = found
+    assert (few.diagnostics["orders"], many.diagnostics["orders"]) == (34, 60)
+    assert_close(few.mueller, many.mueller, rtol=0.0, atol=1e-9 * many.mueller.max())
 
 
 HAZE, AIR = vrte.Layer(vrte.henyey_greenstein(0.6, 24), 0.95, 0.7), vrte.Layer(vrte.rayleigh(), 1.0, 0.4)

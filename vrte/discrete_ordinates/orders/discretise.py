@@ -23,6 +23,7 @@ from vrte.scene.oriented import Oriented, find_oriented
 from vrte.scene.scene import Scene
 
 LOBE = 6.0  # Fourier orders of a lobe times its width [rad]
+REFLECTED = 0.6  # width [rad] of what facets reflect over alpha; with 1, a film at alpha 0.3 missed 2e-8 of its light
 MOST_SURFACE_ORDERS = 256
 FINEST, EVEN = 1e-9, 8  # least accuracy of the Fourier orders of lobes of flakes; orders beside those counted
 SAMPLES = 33  # directions of each kind that these are looked at in
@@ -148,16 +149,24 @@ def count_surface_orders(scene: Scene, nodes: int) -> int:
     """Fourier orders in which light goes to and fro between surfaces without meeting a particle, one of them rough or a
     base that scatters unevenly: as many as lobes of that width have, or as nodes carry; 0 where none does."""
     surfaces = sum(interface is not None for interface in scene.interfaces)
-    uneven = scene.below.orders_reflected > 1
-    if surfaces + (scene.below.keeps_beams or uneven) < 2:
+    if surfaces + mirrors_light(scene) < 2:
         return 0
+    uneven = scene.below.orders_reflected > 1
     return min(max(count_terms_carried(scene, nodes) * uneven, count_lobe_orders(scene)), MOST_SURFACE_ORDERS)
 
 
+def mirrors_light(scene: Scene) -> bool:
+    """Whether the base reflects beams, or light unevenly."""
+    return scene.below.keeps_beams or scene.below.orders_reflected > 1
+
+
 def count_lobe_orders(scene: Scene) -> int:
-    """Fourier orders of the narrowest lobe that a rough interface makes of a beam; 0 without one."""
-    rough = [interface for interface in scene.interfaces if interface is not None and not interface.is_smooth]
-    return max([math.ceil(LOBE / find_lobe_width(interface)) for interface in rough], default=0)
+    """Fourier orders of the narrowest lobe that a rough interface makes of a beam between surfaces, where what the last
+    of them lets through meets no other; 0 without one."""
+    surfaces = [interface for interface in scene.interfaces if interface is not None]
+    ways = [(surface, k < len(surfaces) or mirrors_light(scene)) for k, surface in enumerate(surfaces, 1)]
+    widths = [find_lobe_width(*way) for way in ways if not way[0].is_smooth]
+    return max([math.ceil(LOBE / width) for width in widths], default=0)
 
 
 def count_flake_orders(scene: Scene, mu0: Array, mu: Array, tau: Array, accuracy: float) -> int:
@@ -200,7 +209,8 @@ def mix(layer: Layer, one: Truncated, oriented: Oriented | None) -> Truncated:
     return replace(one, coefficients=coefficients, albedo=albedo, thickness=thickness, stretch=stretch, gain=gain)
 
 
-def find_lobe_width(interface: Interface) -> float:
-    """About the width [rad] of what a rough interface makes of a beam that goes through it."""
+def find_lobe_width(interface: Interface, goes_on: bool) -> float:
+    """About the width [rad] of what a rough interface makes of a beam that it reflects, or lets through where that
+    light ``goes_on`` to another surface."""
     ratio = interface.index_below / interface.index_above
-    return interface.roughness * min(1.0, abs(1.0 - 1.0 / ratio), abs(1.0 - ratio))
+    return interface.roughness * min([REFLECTED, *([abs(1.0 - 1.0 / ratio), abs(1.0 - ratio)] if goes_on else [])])
