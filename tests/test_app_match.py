@@ -198,10 +198,13 @@ def test_a_target_is_typed_met_and_taken(chromium: Any, tmp_path: Path, size: tu
         tab.waits_for(field, arg="60")
         (tmp_path / "lab.csv").write_text("L*;a*;b*\n88,5;1;2\n")
         tab.page.locator(".vrte-header input[type=file]").set_input_files(tmp_path / "lab.csv")
-        tab.fill("what the file leaves open", "geometry='8:di', illuminant='D65', observer=10")
+        tab.fill("what the file leaves open", "geometry='8:di', illuminant='D50', observer=10")
         tab.says("points")
         tab.go_to("Match")
         tab.button("From the measurement").click()
         tab.holds("L*", "88.5")
+        tab.page.reload()  # a light that is not among those offered stays
+        tab.holds("L*", "88.5")
+        tab.says("D50")
         assert tab.wrong == []
         tab.context.close()

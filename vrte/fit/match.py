@@ -36,7 +36,6 @@ from vrte.optics.crowding import CROWDED_UP_TO
 from vrte.request.how import complete_docstring
 
 DIGITS = 9  # of the numbers of a recipe: rounding tips no target over its limit
-AT_BOUND = 1e-4  # of the range
 USUAL_BOUNDS = {"fraction": 10.0, "thickness_um": 5.0}  # factors to either side of the start
 OTHER_BOUNDS, ROUGHNESSES = 2.0, (0.001, 0.6)
 
@@ -214,12 +213,11 @@ def write_part(part: float | None) -> str:
 def explain(search: RecipeSearch, trial: Trial, slopes: Array) -> str:
     """Why a target is not met: what misses by how much, and which number at a bound would bring it nearer."""
     held = []
-    for index, one in enumerate(search.parameters):
-        side = 1.0 if trial.place[index] > 1.0 - AT_BOUND else -1.0 if trial.place[index] < AT_BOUND else 0.0
+    for index, (one, value) in enumerate(zip(search.parameters, search.find_values(trial.place).tolist(), strict=True)):
+        side, bound = one.find_side(value)
         further = search.target.find_missed(trial.bent + side * STEP * slopes[:, index])
         if side and further < (1.0 - 1e-4) * trial.missed:
-            end, bound = ("upper", one.high) if side > 0.0 else ("lower", one.low)
-            held.append(f"{one.name} is held at its {end} bound {bound:.4g}")
+            held.append(f"{one.name} is held at {bound}")
     missed = ", ".join(search.target.describe_misses(trial.bent))
     return f"{missed}; {', '.join(held) if held else 'no free number brings it nearer: free another'}"
 

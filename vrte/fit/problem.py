@@ -20,6 +20,7 @@ KEPT = 4  # points whose solves are remembered
 LOSSES = ("linear", "soft_l1")
 JACOBIANS = ("exact", "differences")
 MOST_STARTS = 1000
+NEAR_A_BOUND = 1e-4  # of the range, or of the start
 SURPRISE = 1.5  # change of residuals that derivatives did not predict over what they did: beyond, they are found anew
 ENOUGH = 1e-7  # relative change of the sum, or of the coordinates, that ends a descent
 
@@ -54,6 +55,15 @@ class Parameter:
     def find_slope(self, value: float) -> float:
         """How the number changes with its coordinate."""
         return value if self.is_log else 1.0
+
+    def find_side(self, value: float) -> tuple[float, str]:
+        """1 and words at the upper bound, -1 and words at the lower one, 0 and "" between."""
+        span = self.high - self.low
+        near = NEAR_A_BOUND * (span if math.isfinite(span) else abs(self.start))
+        for side, words, end in ((1.0, "upper", self.high), (-1.0, "lower", self.low)):
+            if abs(value - end) <= near:
+                return side, f"its {words} bound {end:.4g}"
+        return 0.0, ""
 
 
 def convert_to_steps(parameters: Sequence[Parameter], values: Iterable[float]) -> Array:

@@ -38,7 +38,6 @@ from vrte.scene.scene import Scene
 
 NOTHING = 1e-6  # sigma by which a number that does nothing may move any row
 NODES_MATTER = 0.1  # sigma by which more nodes may move a row
-NEAR_A_BOUND = 1e-4  # of the range, or of the value
 
 
 class FitStep(NamedTuple):
@@ -373,11 +372,5 @@ def list_faults(
 
 def list_bounds(parameters: Sequence[Parameter], values: Array) -> list[str]:
     """Which numbers have reached a bound, in words."""
-    found = []
-    for one, value in zip(parameters, values.tolist(), strict=True):
-        span = one.high - one.low
-        near = NEAR_A_BOUND * (span if math.isfinite(span) else abs(one.start))
-        for end, side in ((one.low, "lower"), (one.high, "upper")):
-            if abs(value - end) <= near:
-                found.append(f"{one.name} is at its {side} bound {end:g}: its error knows nothing of the bound")
-    return found
+    pairs = [(one.name, one.find_side(value)[1]) for one, value in zip(parameters, values.tolist(), strict=True)]
+    return [f"{name} is at {bound}: its error knows nothing of the bound" for name, bound in pairs if bound]

@@ -78,8 +78,10 @@ class MatchPanel:
                 self.fields = {name: self._add_field(name, *words) for name, words in FIELDS.items()}
             with ui.row().classes("w-full gap-2 items-center"):
                 self.looks = {
-                    name: controls.select(known, self.asked["looks"][name], label, partial(self.look, name), width)
-                    for name, (label, known, width) in LOOKS.items()
+                    name: controls.select(
+                        list_options(name, value), value, LOOKS[name][0], partial(self.look, name), LOOKS[name][2]
+                    )
+                    for name, value in self.asked["looks"].items()
                 }
                 self.measured = add_button("From the measurement", "insights", self.take_measured, "outline dense")
             with ui.element("div").classes("vrte-look"):
@@ -132,10 +134,9 @@ class MatchPanel:
             for name, field in self.fields.items():
                 if name in found:
                     field.set_value(write_field_text(found[name]))
-            for name, (_, known, _) in LOOKS.items():
+            for name, chosen in self.looks.items():
                 if name in found:
-                    value = found[name]
-                    self.looks[name].set_options({value: f"{value}", **known}, value=value)
+                    chosen.set_options(list_options(name, found[name]), value=found[name])
 
     def begin(self) -> None:
         """Starts the match; what keeps it from that is shown."""
@@ -252,6 +253,11 @@ class MatchPanel:
                     if data := found.files.get(name):
                         add_button(text, "download", partial(ui.download.content, data, name), "flat dense")
             add_bullets("To be known", tuple(replace_keys(one, names) for one in found.notes))
+
+
+def list_options(name: str, value: Any) -> dict[Any, str]:
+    """What can be chosen for a keyword: what is known, and the value that a measurement has."""
+    return {value: f"{value}", **LOOKS[name][1]}
 
 
 def split_table(rows: list[list[str]], names: dict[str, str]) -> tuple[list[str], list[list[str]]]:
