@@ -7,6 +7,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from vrte.basics.arrays import Array
 from vrte.basics.errors import MissingExtraError, SceneError
 from vrte.optics.facets import RoughSurface
 from vrte.optics.fresnel import reflect_smooth
+from vrte.pictures.lobes import compute_lobe
 from vrte.render import objects, rendering
 from vrte.render.geometry import (
     SHAPES,
@@ -34,15 +36,32 @@ from vrte.render.geometry import (
     place_camera,
     place_lens,
 )
-from vrte.render.objects import MARGIN, SUN_RADIUS, Stage, View, draw_background, draw_object, mirror_sun
-from vrte.render.picture import Sheet, colour_angles, describe_layers
+from vrte.render.glare import find_spread, spread_glare
+from vrte.render.objects import MARGIN, SUN_RADIUS, Stage, View, add_sun, draw_background, draw_object, mirror_sun
+from vrte.render.picture import (
+    ROUND,
+    Scale,
+    Sheet,
+    colour_angles,
+    describe_layers,
+    draw_row,
+    measure_degrees,
+    round_up,
+    scale_lobes,
+    show_degrees,
+)
 from vrte.render.rendering import (
+    LONGEST_TITLE,
     PictureSetting,
+    Rendering,
     compute_pictures,
     find_facets,
     find_fine_table,
     measure_interpolation_error,
     read,
+    set_out,
+    set_stage,
+    split_channels,
 )
 from vrte.render.sky import (
     Sky,
@@ -292,7 +311,7 @@ def test_render_writes_what_it_says(render: Command) -> None:
     assert "one: 9 wavelengths, 0.4 to 0.7 µm" in printed
     assert "two: 3 wavelengths, 0.45 to 0.65 µm" in printed
     assert re.search(r"wrote .*out\.png", printed)
-    assert render.pixels.shape[1] == Sheet(48, 2, 4, 0.56, note="").width
+    assert render.pixels.shape[1] == Sheet(48, [("one", ""), ("two", "")], 4, 0.56, note="").width
     render(two, two, "--colour-only", "--size", "32")
     pixels = render.pixels
     assert pixels.shape == (32, 64, 4)
@@ -301,20 +320,178 @@ def test_render_writes_what_it_says(render: Command) -> None:
     assert pixels[10, 10, :3].min() > 100
 
 
-def test_the_note_below_a_sheet_is_not_cut() -> None:
+def test_the_note_below_a_sheet_and_the_captions_of_its_rows_are_not_cut() -> None:
     for words in (3, 40, 120):
-        sheet = Sheet(300, 1, 4, 0.20, note=" ".join(["wavelengths"] * words))
+        captions = [(("W painted metal " * 4)[:LONGEST_TITLE], " ".join(["hematite"] * words)), ("rutile", "")]
+        sheet = Sheet(300, captions, 4, 0.20, note=" ".join(["wavelengths"] * words))
         (note,) = (text for text in sheet.figure.texts if "wavelengths" in text.get_text())
         box = note.get_window_extent()
         assert 0.0 <= box.x0 < box.x1 <= sheet.width
         assert 0.0 <= box.y0 < box.y1 < sheet.foot - 0.17 * 300  # where the legends end
+        title, caption = (text for text in sheet.figure.texts if text.get_text()[:1] in ("W", "h"))
+        above, below = title.get_window_extent(), caption.get_window_extent()
+        assert max(above.x1, below.x1) <= sheet.width
+        assert above.y0 >= below.y1
+        assert below.y0 >= sheet.height - sheet.corner(0, 0)[1]  # the row's pictures begin below
+
+
+@pytest.mark.parametrize("power", [0.5, 1.0])
+def test_ticks_of_a_legend_do_not_run_together(power: float) -> None:
+    for high in np.outer([0.01, 0.1], ROUND).ravel():
+        sheet = Sheet(220, [("", "")], 4, 0.20, note="")
+        sheet.bar(1, Scale("inferno", 0.0, float(high), power))
+        sheet.figure.canvas.draw()
+        boxes = [label.get_window_extent() for label in sheet.figure.axes[-1].get_xticklabels()]
+        assert len(boxes) >= 2
+        for left, right in pairwise(sorted(boxes, key=lambda box: box.x0)):
+            assert right.x0 - left.x1 > 0.2 * sheet.letter
+
+
+def test_nothing_has_a_scale_of_its_own_noise() -> None:
+    """Light that is not circularly polarized but for rounding: no panel is scaled to 1e-6."""
+    assert [round_up(value) for value in (0.0, 1e-9, 1e-6)] == [0.01] * 3
+    assert round_up(0.0123) == 0.015
+
+
+def test_a_peaked_lobe_is_drawn_logarithmically() -> None:
+    """A satin surface's lobe is a hundred times what its paint sends elsewhere, which would be a few pixels."""
+    satin, _ = read([Path("examples/satin_paint.toml")])
+    brdf = satin[0].brdf(
+        0.64, np.array([0.6, 1.0]), np.cos(np.radians(np.linspace(0.0, 89.0, 24))), np.arange(0, 181, 6.0)
+    )
+    lobes = [compute_lobe(brdf, index, step_deg=2.0) for index in range(2)]
+    circle, drawn, words = scale_lobes(lobes)
+    assert np.median(lobes[0].radius) < 0.05 * circle
+    assert np.median(drawn[0].radius) > 0.2 * circle
+    assert f"middle {1e-3 * circle:g}, logarithmic" in words
+    largest = float(lobes[0].radius.max())
+    assert drawn[0].radius.max() == close_to(circle * (1.0 + np.log10(largest / circle) / 3.0), rtol=1e-12, atol=0.0)
+    even = [replace(lobe, heights=1.0 + 0.1 * lobe.theta[:, None] / 90.0 + 0.0 * lobe.phi) for lobe in lobes]
+    assert scale_lobes(even)[1:] == (even, "outer circle: $f_{00}$ = 1.5 sr$^{-1}$")
+
+
+def lay_out(render: Command, *names: str) -> tuple[Rendering, Stage]:
+    """A row of objects, grey and unpolarized, at one wavelength, and what stands there."""
+    paths = [
+        render.scene(PLAIN + "[render]\nsize_px = 48\nwavelengths_um = [0.5]\n", str(k)) for k in range(len(names))
+    ]
+    materials, setting = read(paths, shapes=list(names))
+    stage = set_stage(materials, setting)
+    grey = np.full((stage.lens.width * stage.lens.height, 6), 0.3) * [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
+    return set_out(Rendering(materials, *split_channels(grey, stage), make_film(np.ones(3)), [0.0]), stage), stage
+
+
+def test_halves_of_an_object_are_the_whole(render: Command) -> None:
+    """Cut along the middle of the picture, with the whole's surface, normals and shadows; each has its own title."""
+    (found, halves), (alone, whole) = (lay_out(render, *names) for names in (("vase:left", "vase:right"), ("vase",)))
+    assert_close(halves.lens.place, whole.lens.place, rtol=1e-9, atol=1e-9)
+    left, right = (find_area(body) for body in halves.bodies)
+    assert_close(left + right, find_area(whole.bodies[0]), rtol=1e-9, atol=0.0)
+    assert left == close_to(right, rtol=0.02, atol=0.0)
+    side = [body.corners @ halves.lens.camera.right for body in halves.bodies]
+    assert side[0].max() == close_to(side[1].min(), rtol=0.0, atol=1e-9)
+    for body in halves.bodies:
+        assert_close(np.linalg.norm(body.normals, axis=1), 1.0, rtol=0.0, atol=1e-9)
+    seen, expected = ((one.body >= 0) for one in (found, alone))
+    spare = (expected.shape[1] - seen.shape[1]) // 2  # the picture of one body is square
+    assert (seen != expected[:, spare : spare + seen.shape[1]]).mean() < 0.02
+    (one, room), (other, _) = found.places
+    assert other - one == close_to(room, rtol=1e-9, atol=0.0)
+    at = found.body[24, found.body[24] >= 0]
+    assert at.tolist() == sorted(at.tolist())
+    assert abs((at == 0).sum() - (at == 1).sum()) <= 1
+
+
+def find_area(body: Body) -> float:
+    """The area of all triangles."""
+    a, b, c = np.moveaxis(body.corners[body.triangles], 1, 0)
+    return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+
+
+def test_a_half_without_the_other_is_refused(render: Command) -> None:
+    one, two = render.scene(PLAIN, "a"), render.scene(PLAIN, "b")
+    for names, options in (
+        ("ball:left", ["--together"]),
+        ("ball:right,ball:left", ["--together"]),
+        ("ball:left,ball:right", []),
+    ):
+        scenes = [one, two] if "," in names else [one]
+        printed = render(*scenes, "--object", names, "--tracer", "own", *options, code=2)
+        assert "are of two scenes, one after the other, of one picture (--together)" in printed
+    assert 'has no halves: "ball:left"' in render(one, "--object", "sphere:left", code=2)
+
+
+def test_bodies_are_outlined_where_ground_and_body_are_black(render: Command) -> None:
+    """Of a picture of degrees of polarization: nothing is polarized, and the object is seen all the same."""
+    found, _ = lay_out(render, "ball")
+    shown = show_degrees(found, measure_degrees([found]))[..., :3].max(axis=-1)
+    inside = found.body == 0
+    edge = shown > 0.2
+    assert edge.any()
+    assert edge[inside].mean() < 0.2
+    assert not edge[inside & np.roll(inside, 1, 0) & np.roll(inside, 1, 1)].any()
+
+
+def test_a_ball_at_the_side_of_a_row_is_round(render: Command) -> None:
+    """A picture is at most 45 degrees wide: what a near camera stretches."""
+    found, _ = lay_out(render, "ball", "ball", "ball", "ball", "ball")
+    for body in (0, 2, 4):
+        rows, columns = np.nonzero(found.body == body)
+        assert np.ptp(columns) / np.ptp(rows) == close_to(1.0, rtol=0.0, atol=0.1)
+
+
+def test_titles_below_a_row_do_not_meet(render: Command) -> None:
+    found, _ = lay_out(render, "ball", "ball:left", "ball:right", "ball")
+    titles = ["metallic car paint of long name", "dry sand", "wet sand", "white gloss paint"]
+    found = replace(
+        found, materials=[replace(one, title=title) for one, title in zip(found.materials, titles, strict=True)]
+    )
+    figure = draw_row(found, PictureSetting(size_px=48))
+    boxes = [text.get_window_extent() for text in figure.texts if text.get_text().replace("\n", " ") in titles]
+    assert len(boxes) == 4
+    for left, right in pairwise(boxes):
+        assert right.x0 > left.x1
+    assert boxes[0].x0 > 0.0
+
+
+def test_glare_spreads_what_is_beyond_white_as_an_eye_does() -> None:
+    """All light of all directions is 1.03; what a screen shows is left alone, what it does not is kept."""
+    angle = np.concatenate([[0.0], np.geomspace(1e-5, 90.0, 20000)])
+    total = np.trapezoid(find_spread(angle) * 2.0 * np.pi * np.sin(np.radians(angle)), np.radians(angle))
+    assert total == close_to(1.031, rtol=0.0, atol=1e-3)
+    grey = np.full((40, 60, 3), 0.3)
+    assert_close(spread_glare(grey, grey[..., 1], 0.1), grey, rtol=0.0, atol=1e-12)
+    bright = grey.copy()
+    bright[20, 30] = 500.0
+    found = spread_glare(bright, bright[..., 1], 0.1)
+    assert found.sum() == close_to(bright.sum(), rtol=0.02, atol=0.0)
+    assert found[20, 30, 0] > 250.0
+    beside = found[20, 31:34, 0] - 0.3
+    assert_close(beside, 499.0 * find_spread(0.1 * np.arange(1, 4)) * np.radians(0.1) ** 2, rtol=1e-6, atol=0.0)
+
+
+def test_the_suns_disc_is_in_the_picture_where_it_is_ahead() -> None:
+    """A low sun before the camera: its radiance over its solid angle is its irradiance."""
+    sky = make_sky("sun", [0.5], 5.0, 0.0)
+    lens = place_lens(place_camera(5.0, 180.0), [find_shape("ball").place()], 200)
+    lens = replace(lens, distance=1e3, middle=np.array([0.0, 0.0, 500.0]))
+    stage, channels = Stage([find_shape("ball").place()], lens, sky.beam), np.zeros((200 * 200, 6))
+    add_sun(channels, stage, sky, GREY)
+    ways = lens.look(np.tile(np.arange(200) + 0.5, 200), np.repeat(np.arange(200) + 0.5, 200))
+    solid_angle = np.radians(lens.pixel_deg) ** 2 * (ways @ -lens.camera.toward) ** 3
+    assert channels[:, 1] @ solid_angle == close_to(1.0, rtol=0.02, atol=0.0)
+    behind = np.zeros((200 * 200, 6))
+    add_sun(
+        behind, replace(stage, beam=sky.beam * [-1.0, 1.0, 1.0]), replace(sky, beam=sky.beam * [-1.0, 1.0, 1.0]), GREY
+    )
+    assert not behind.any()
 
 
 @pytest.mark.slow
 def test_a_sheet_has_a_row_a_scene_and_objects_stand_together_in_one_picture(render: Command) -> None:
     one, two = render.scene(PLAIN + SMALL), render.scene(PLAIN + SMALL, "two")
     render(one, "--sheet")
-    sheet = Sheet(48, 1, 4, 0.20, note="", lines=2)
+    sheet = Sheet(48, [("one", "rayleigh")], 4, 0.20, note="")
     assert render.pixels.shape[1] == sheet.width
     assert render.pixels.shape[0] >= sheet.height
     render.picture.unlink()
@@ -682,6 +859,11 @@ def test_a_mesh_keeps_its_edges_and_its_smooth_faces_in_any_unit(tmp_path: Path)
     assert_close(np.ptp(box.place().corners, axis=0), [0.5, 0.5, 1.0], rtol=0.0, atol=1e-9)
     for size in (1e-12, 1e150, 1e307):
         assert_close(write_box(tmp_path / "other.obj", size).corners, box.corners, rtol=0.0, atol=1e-12)
+    path = tmp_path / "box.obj"
+    path.write_text(re.sub(r"f (.*)", lambda face: "f " + " ".join(face[1].split()[::-1]), path.read_text()))
+    inside_out = find_shape(str(path))
+    outward = inside_out.corners - 0.5 * (inside_out.corners.min(axis=0) + inside_out.corners.max(axis=0))
+    assert ((inside_out.normals * outward).sum(axis=1) > 0.0).all()
     ball, path = make_ball(16), tmp_path / "ball.ply"
     trimesh.Trimesh(ball.corners, ball.triangles).export(path)
     found = find_shape(str(path))

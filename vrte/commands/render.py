@@ -9,7 +9,7 @@ from vrte.basics.errors import SceneError
 from vrte.basics.llvm import OLDEST
 from vrte.commands.common import check_extra, join_progress, report_written, show_progress
 from vrte.render.geometry import SUFFIXES
-from vrte.render.rendering import OBJECTS, SPHERE, check_object, read
+from vrte.render.rendering import OBJECTS, SPHERE, check_object, read, split_object
 from vrte.render.tracing import SAMPLES
 
 OF_OBJECTS = (
@@ -32,7 +32,7 @@ def choose_tracing(options: argparse.Namespace, shapes: Sequence[str]) -> Any:
     """How Mitsuba traces, None where it does not. Raises SceneError, MissingExtraError."""
     from vrte.render.tracing import Tracing, is_ready
 
-    asked = [name for name in ("samples", "environment") if getattr(options, name) is not None]
+    asked = [name for name in ("samples", "environment", "caustics") if getattr(options, name) not in (None, False)]
     exr = options.output.suffix.lower() == ".exr"
     needed = [*(f"--{name}" for name in asked), *(["-o OUT.exr"] * exr)] or ["--tracer mitsuba"]
     if options.tracer == "mitsuba" or asked or exr:
@@ -47,7 +47,9 @@ def choose_tracing(options: argparse.Namespace, shapes: Sequence[str]) -> Any:
         return None
     if options.environment is not None and not options.environment.is_file():
         raise SceneError(f"--environment: no such file: {options.environment}")
-    return Tracing(options.samples or SAMPLES, options.environment)
+    if options.environment is not None and options.caustics:
+        raise SceneError("--caustics: are of the sun, and --environment has none")
+    return Tracing(options.samples or SAMPLES, options.environment, options.caustics)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -60,7 +62,7 @@ def run(options: argparse.Namespace) -> None:
     if any(material.shape != SPHERE for material in materials):
         check_extra("a picture of an object", "render", ("trimesh", "embreex"))
     if options.up is not None:
-        if all(material.shape in OBJECTS for material in materials):
+        if all(split_object(material.shape)[0] in OBJECTS for material in materials):
             raise SceneError("--up: is of own meshes, and there is none")
         materials = [replace(material, up=options.up) for material in materials]
     if options.size:
@@ -70,6 +72,8 @@ def run(options: argparse.Namespace) -> None:
         raise SceneError("-o OUT.exr: holds one picture; --together makes one of several objects")
     if options.output.suffix.lower() == ".exr" and (options.sheet or options.colour_only):
         raise SceneError("-o OUT.exr: holds radiances, neither a --sheet nor --colour-only")
+    if options.output.suffix.lower() == ".exr" and options.glare:
+        raise SceneError("--glare: is of pictures for a screen; -o OUT.exr holds radiances")
     from vrte.pictures.figures import save
     from vrte.render import picture
     from vrte.render.rendering import compute_pictures
@@ -78,6 +82,7 @@ def run(options: argparse.Namespace) -> None:
         phase("colours")
         report = join_progress(phase, tick)
         renderings = compute_pictures(materials, setting, report, together=options.together, tracing=tracing)
+        renderings = [replace(rendering, glare=options.glare) for rendering in renderings]
         phase("picture")
         if options.output.suffix.lower() == ".exr":
             picture.save_radiances(renderings[0], options.output)

@@ -24,6 +24,7 @@ from vrte.formats.atomic import check_file
 
 EAST, NORTH, UP = np.eye(3)
 FIELD_DEG = 32.0  # from the lower to the upper edge of a picture
+WIDEST_DEG = 45.0  # from its left to its right edge, at most: a near camera makes eggs of balls that stand aside
 FILLED = 0.80  # of a picture's height or width: what objects take at most
 
 
@@ -62,6 +63,11 @@ class Lens:
         """The position (3,) of the camera."""
         return self.middle + self.distance * self.camera.toward
 
+    @property
+    def pixel_deg(self) -> float:
+        """The angle between neighbours in the middle of the picture [degrees]."""
+        return float(np.degrees(2.0 * self.spread / self.height))
+
     def look(self, across: Any, down: Any) -> Array:
         """Unit vectors (n, 3) from the camera through places in the picture, in pixels from its upper left corner."""
         unit = 2.0 * self.spread / self.height
@@ -76,7 +82,7 @@ class Lens:
 def place_lens(camera: Camera, bodies: Sequence[Any], height: int) -> Lens:
     """The lens that sees all bodies, in a picture as wide as they need: square for one."""
     corners = np.concatenate([body.corners for body in bodies])
-    spread = float(np.tan(np.radians(0.5 * FIELD_DEG)))
+    spread, widest = (float(np.tan(np.radians(0.5 * field))) for field in (FIELD_DEG, WIDEST_DEG))
     middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
     for _ in range(8):  # until the bodies are in the middle of their picture
         x, y, near = ((corners - middle) @ axis for axis in (camera.right, camera.up, camera.toward))
@@ -85,9 +91,9 @@ def place_lens(camera: Camera, bodies: Sequence[Any], height: int) -> Lens:
         seen = [part / (distance - near) for part in (x, y)]
         shift = [0.5 * distance * float(part.min() + part.max()) for part in seen]
         middle = middle + shift[0] * camera.right + shift[1] * camera.up
-    wide = float(np.abs(seen[0]).max()) / spread
-    width = height if len(bodies) == 1 else round(height * (wide + 1.0 - FILLED))
-    return Lens(camera, middle, distance, spread, width, height)
+        wide = 1.0 if len(bodies) == 1 else float(np.abs(seen[0]).max()) / spread + 1.0 - FILLED
+        spread = min(spread, widest / wide)
+    return Lens(camera, middle, distance, spread, round(height * wide), height)
 
 
 def normalize(vectors: Array) -> Array:
@@ -179,6 +185,28 @@ def join_rings(rings: Array, around: bool) -> Body:
     return make_body(corners, np.concatenate(faces))
 
 
+def halve(body: Body, axis: Array, side: str) -> Body:
+    """The "right" half of a body, where ``axis`` (3,) points, or the "left": the surface on that side of the middle."""
+    corners, normals, triangles = body.corners, body.normals, body.triangles
+    along = corners @ axis
+    height = (along - 0.5 * (along.min() + along.max())) * (1.0 if side == "right" else -1.0)
+    count = (height[triangles] > 0.0).sum(axis=1)
+    kept = [triangles[count == 3]]
+    for inside, lone in ((1, True), (2, False)):  # corners on this side; the one by itself comes first
+        cut = triangles[count == inside]
+        first = np.argmax((height[cut] > 0.0) == lone, axis=1)
+        a, b, c = (np.take_along_axis(cut, ((first + step) % 3)[:, None], axis=1)[:, 0] for step in range(3))
+        ends = len(corners) + np.arange(2 * len(cut)).reshape(2, -1)  # where the edges from a to b and to c are cut
+        for other in (b, c):
+            part = (height[a] / (height[a] - height[other]))[:, None]
+            corners = np.concatenate([corners, (1.0 - part) * corners[a] + part * corners[other]])
+            normals = np.concatenate([normals, normalize((1.0 - part) * normals[a] + part * normals[other])])
+        pieces = [(a, *ends)] if lone else [(ends[0], b, c), (ends[0], c, ends[1])]
+        kept += [np.stack(piece, axis=1) for piece in pieces]
+    used, renumbered = np.unique(np.concatenate(kept), return_inverse=True)
+    return Body(corners[used], normals[used], renumbered.reshape(-1, 3))
+
+
 def _make_turn(count: int) -> Array:
     """``count`` equal steps of one turn [rad]."""
     return np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
@@ -204,18 +232,18 @@ LIP = 12  # of these points
 FLUTES, FLUTE_DEPTH, TWIST = 22, 0.045, 1.1  # around the vase, of its radius, and radians from foot to neck
 
 
-def make_vase() -> Body:
+def make_vase(detail: int = 1) -> Body:
     """A hollow vase: a surface of revolution, fluted along lines that wind about it."""
     from scipy.interpolate import PchipInterpolator
 
     profile = np.array([VASE_RADII.split(), VASE_HEIGHTS.split()], float).T
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(profile, axis=0), axis=1))])
     lip = way[LIP]
-    steps = np.concatenate([np.linspace(0.0, lip, 150), np.linspace(lip, way[-1], 50)[1:]])
+    steps = np.concatenate([np.linspace(0.0, lip, 150 * detail), np.linspace(lip, way[-1], 50 * detail)[1:]])
     radius, height = PchipInterpolator(way, profile)(steps).T
     fluted = np.clip((height - 0.06) / 0.12, 0.0, 1.0) * np.clip((0.86 - height) / 0.2, 0.0, 1.0) * (steps < lip)
     depth = FLUTE_DEPTH * fluted**2 * (3.0 - 2.0 * fluted)
-    around = _make_turn(8 * FLUTES)
+    around = _make_turn(8 * FLUTES * detail)
     wave = np.cos(FLUTES * (around + TWIST * height[:, None]))
     wide = radius[:, None] * (1.0 + depth[:, None] * wave)
     level = np.broadcast_to(height[:, None], wide.shape)
@@ -227,14 +255,14 @@ RIBS, RIB_HEIGHT = 13, 0.07  # in a whorl, of the tube's radius
 CORDS, CORD_HEIGHT = 9, 0.015  # around the tube
 
 
-def make_shell() -> Body:
+def make_shell(detail: int = 1) -> Body:
     """A sea snail's shell: a tube with ribs that winds about an axis and grows by the same factor with each turn."""
-    turn = np.linspace(0.0, 2.0 * np.pi * WHORLS, 800)
-    back = np.linspace(turn[-1], turn[-1] - 1.2 * np.pi, 60)[1:]  # the inside, seen through the mouth
+    turn = np.linspace(0.0, 2.0 * np.pi * WHORLS, 800 * detail)
+    back = np.linspace(turn[-1], turn[-1] - 1.2 * np.pi, 60 * detail)[1:]  # the inside, seen through the mouth
     angle = np.concatenate([turn, back])
     inner = np.concatenate([np.zeros(turn.size), np.ones(back.size)])[:, None]
     size = GROWTH ** (angle / (2.0 * np.pi) - WHORLS)[:, None]
-    around = _make_turn(64)
+    around = _make_turn(64 * detail)
     ribs = np.cos(0.5 * RIBS * angle)[:, None] ** 4
     wave = RIB_HEIGHT * ribs + CORD_HEIGHT * np.cos(CORDS * around)
     radius = size * np.where(inner > 0.0, 0.9, 1.0 + wave)
@@ -247,9 +275,9 @@ def make_shell() -> Body:
     return Body(found.corners @ turned, found.normals @ turned, found.triangles).place(240.0)  # its mouth in front
 
 
-def make_knot() -> Body:
+def make_knot(detail: int = 1) -> Body:
     """A trefoil: a tube along the torus knot that winds three times around and twice through, standing upright."""
-    t, around = _make_turn(420), _make_turn(48)
+    t, around = _make_turn(420 * detail), _make_turn(48 * detail)
     circle = np.stack([np.cos(2.0 * t), np.sin(2.0 * t), 0.0 * t], axis=-1)
     middle = (2.0 + np.cos(3.0 * t))[:, None] * circle + np.sin(3.0 * t)[:, None] * np.array([0.0, 0.0, 1.0])
     ahead = normalize(np.roll(middle, -1, axis=0) - np.roll(middle, 1, axis=0))
@@ -261,7 +289,12 @@ def make_knot() -> Body:
     return join_rings(rings[..., [0, 2, 1]] * [1.0, -1.0, 1.0], around=True)
 
 
-SHAPES: dict[str, Callable[[], Body]] = {"ball": make_ball, "vase": make_vase, "shell": make_shell, "knot": make_knot}
+SHAPES: dict[str, Callable[[int], Body]] = {
+    "ball": lambda detail: make_ball(96 * detail),
+    "vase": make_vase,
+    "shell": make_shell,
+    "knot": make_knot,
+}
 
 
 def load_mesh(path: Path) -> Body:
@@ -280,6 +313,8 @@ def load_mesh(path: Path) -> Body:
         lost = np.count_nonzero(~kept)
         warnings.warn(f"{path}: {lost} of its {kept.size} triangles have no area and are left out", stacklevel=2)
         whole.update_faces(kept)
+    if whole.is_watertight and whole.volume < 0.0:  # triangles that are clockwise seen from outside: it would be black
+        whole.invert()
     smooth = trimesh.graph.smooth_shade(whole, angle=CREASE, facet_minarea=None)
     return divide_long_edges(make_body(np.array(smooth.vertices), np.array(smooth.faces)), LONGEST_EDGE)
 
@@ -327,11 +362,11 @@ def divide_long_edges(body: Body, longest: float) -> Body:
     return Body(corners, normalize(normals), triangles)
 
 
-def find_shape(name: str, up: str = "z") -> Body:
-    """The shape of this name, or the mesh of this file, whose axis ``up`` points up. Raises SceneError, OSError,
-    MissingExtraError."""
+def find_shape(name: str, up: str = "z", detail: int = 1) -> Body:
+    """The shape of this name, with ``detail`` times the corners along each line, or the mesh of this file, whose axis
+    ``up`` points up. Raises SceneError, OSError, MissingExtraError."""
     if name in SHAPES:
-        return SHAPES[name]()
+        return SHAPES[name](detail)
     found = load_mesh(Path(name))
     upright = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]) if up == "y" else np.eye(3)
     return Body(found.corners @ upright, found.normals @ upright, found.triangles)

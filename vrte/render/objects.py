@@ -6,7 +6,7 @@ splined, of an object at the corners of the mesh and linear between them. The su
 smooth surface mirrors have sharp edges: they are computed for each pixel, of an object for each of its samples.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
@@ -36,6 +36,7 @@ from vrte.render.tables import BrdfTable, Lookup, Resolution
 
 MARGIN = 0.94  # of a square picture's half side: the sphere's radius
 SUN_RADIUS = np.radians(0.2666)  # of its disc, from 1 au
+SUN_DISC = np.pi * np.sin(SUN_RADIUS) ** 2  # its solid angle [sr]
 FINE = 48  # points across the sun's image
 LEAST_COSINE = 0.02  # of incidence on the facet that mirrors the sun
 
@@ -182,6 +183,11 @@ class Samples:
         return np.concatenate([1.0 - self.where.sum(axis=1, keepdims=True), self.where], axis=1)
 
 
+def join_samples(parts: Sequence[Samples]) -> Samples:
+    """All samples as one."""
+    return Samples(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Samples)))
+
+
 @dataclass(frozen=True, eq=False)
 class Stage:
     """Bodies on the ground before a camera, with the sun's ``beam``: all that no wavelength changes."""
@@ -216,6 +222,20 @@ class Stage:
         near = max(self.lens.distance - 50.0, 0.0)  # a far camera's rays would begin too far away for single precision
         return self.lens.place + near * heading, heading
 
+    def sample(self, pixel: Any) -> Iterator[tuple[Samples, Array]]:
+        """What pixels (n,) show, body -1 for nothing, and where their rays head (n, 3), one sample of each at a
+        time."""
+        for index in range(SAMPLES**2):
+            row, column = divmod(index, SAMPLES)
+            start, heading = self.look(pixel, np.array((column + 0.5) / SAMPLES), np.array((row + 0.5) / SAMPLES))
+            sun = (index + 4 * (pixel % self.lens.width) + 7 * (pixel // self.lens.width)) % SAMPLES**2
+            yield Samples(pixel.astype(np.int32), *self.rays.find_hits(start, heading), sun), heading
+
+    def find_samples(self) -> Samples:
+        """What all pixels show of bodies."""
+        pixel = np.arange(self.lens.width * self.lens.height)
+        return join_samples([shown.choose(shown.body >= 0) for shown, _ in self.sample(pixel)])
+
     def find_points(self, samples: Samples) -> Points:
         """The places that samples, all of one body, show."""
         body = self.bodies[int(samples.body[0])]
@@ -236,8 +256,7 @@ class Stage:
 
 def draw_background(stage: Stage, light: SceneLight, observer: Array) -> tuple[Array, Samples]:
     """Sky and ground as channels (pixel, 6), and samples of objects; ``observer`` (3, wavelength) weighs."""
-    lens, rays = stage.lens, stage.rays
-    count = lens.width * lens.height
+    lens, count = stage.lens, stage.lens.width * stage.lens.height
     found, kept = np.zeros((count, CHANNELS)), []
     fraction = 1.0 / SAMPLES**2
     sunlit, skylit = observer @ light.sunlit, observer @ light.skylit
@@ -245,20 +264,16 @@ def draw_background(stage: Stage, light: SceneLight, observer: Array) -> tuple[A
     for block in split(count, BLOCK):
         pixel = np.arange(count)[block]
         clear = np.zeros(pixel.size)
-        for index in range(SAMPLES**2):
-            row, column = divmod(index, SAMPLES)
-            start, heading = stage.look(pixel, np.array((column + 0.5) / SAMPLES), np.array((row + 0.5) / SAMPLES))
-            body, triangle, where = rays.find_hits(start, heading)
-            sun = (index + 4 * (pixel % lens.width) + 7 * (pixel // lens.width)) % SAMPLES**2
-            missed = body < 0
-            kept.append(Samples(pixel.astype(np.int32), body, triangle, where, sun).choose(~missed))
+        for shown, heading in stage.sample(pixel):
+            missed = shown.body < 0
+            kept.append(shown.choose(~missed))
             clear[missed & (heading[:, 2] >= 0.0)] += fraction
             below = np.flatnonzero(missed & (heading[:, 2] < 0.0))
             spot = lens.place + heading[below] * (lens.place[2] / -heading[below, 2])[:, None]
             if light.ground is None or skylight is None:
                 found[pixel[below], :3] += fraction * (sunlit + skylit)
                 continue
-            lit = ~rays.find_blocked(spot + OFF_SURFACE * UP, stage.suns[sun[below]])
+            lit = ~stage.rays.find_blocked(spot + OFF_SURFACE * UP, stage.suns[shown.sun[below]])
             bright = lit[:, None] * sunlit + light.ground.rows(spot[:, 0], spot[:, 1]) @ skylight
             found[pixel[below], :3] += fraction * bright
         free = np.flatnonzero(clear)
@@ -266,8 +281,7 @@ def draw_background(stage: Stage, light: SceneLight, observer: Array) -> tuple[A
         turn = find_turn_from_world(travel, lens.find_upright(travel))
         stokes = turn_stokes(light.sky.find(travel), turn[:, None])
         found[pixel[free], :5] += clear[free, None] * weigh_channels(stokes, observer)[:, :5]
-    names = [field.name for field in fields(Samples)]
-    return found, Samples(*(np.concatenate([getattr(part, name) for part in kept]) for name in names))
+    return found, join_samples(kept)
 
 
 def weigh_channels(stokes: Array, observer: Array) -> Array:
@@ -305,43 +319,72 @@ def draw_object(
         seen = weigh_channels(stokes, observer) + np.einsum("nk,nkc->nc", some.weights, smooth[own[block]])
         np.add.at(found, some.pixel, seen / SAMPLES**2)
     if tables[0].specular is not None:
-        add_glints(found, stage, samples, tables, light, observer)
+        add_glints(found, stage, samples, [table.mirror for table in tables], light.sky, observer)
     return found
 
 
 def add_glints(
-    found: Array, stage: Stage, samples: Samples, tables: Sequence[BrdfTable], light: SceneLight, observer: Array
+    found: Array, stage: Stage, samples: Samples, mirrors: Sequence[Callable[[Array], Array]], sky: Sky, observer: Array
 ) -> None:
-    """Adds the sun's image in smooth surfaces, an even disc of 0.53 degrees, to channels (pixel, 6): pixels whose
-    samples mirror places near the sun, nearer than they are apart, are sampled once more, closely."""
+    """Adds the sun's image in a body's smooth surface, an even disc of 0.53 degrees, to channels (pixel, 6), from the
+    body's ``samples`` and the fraction that is mirrored at each wavelength, of cosines. Pixels whose samples mirror
+    places near the sun, nearer than they are apart, are sampled once more, closely."""
     away = np.empty(len(samples.pixel))
     for block in split(len(samples.pixel), BLOCK):
         points = stage.find_points(samples.choose(block))
-        away[block] = np.arccos(np.clip(points.mirrored @ light.sky.beam, -1.0, 1.0))
+        away[block] = np.arccos(np.clip(points.mirrored @ sky.beam, -1.0, 1.0))
     count = stage.lens.width * stage.lens.height
     least, most = np.full(count, np.inf), np.zeros(count)
     np.minimum.at(least, samples.pixel, away)
     np.maximum.at(most, samples.pixel, away)
     chosen = np.flatnonzero(least < SUN_RADIUS + 1.5 * (most - least) + 1e-3)
     body = int(samples.body[0])
-    steps = (np.arange(GLINT_SAMPLES) + 0.5) / GLINT_SAMPLES
-    across, down = (part.ravel() for part in np.meshgrid(steps, steps))
-    brightness = light.sky.sun / (np.pi * np.sin(SUN_RADIUS) ** 2)
-    for block in split(chosen.size, max(1, BLOCK // across.size)):
-        pixel = np.repeat(chosen[block], across.size)
-        times = chosen[block].size
-        hits = stage.rays.find_hits(*stage.look(pixel, np.tile(across, times), np.tile(down, times)))
-        here = Samples(pixel, *hits, 0 * pixel).choose(hits[0] == body)
+    for here, _ in look_closely(stage, chosen):
+        here = here.choose(here.body == body)
         if not here.pixel.size:
             continue
         points = stage.find_points(here)
-        shine = np.flatnonzero(points.mirrored @ light.sky.beam > np.cos(SUN_RADIUS))
+        shine = np.flatnonzero(points.mirrored @ sky.beam > np.cos(SUN_RADIUS))
         if shine.size:
             bright = points.choose(shine)
             shine = shine[surfaces.find_free(stage.rays, bright, bright.mirrored)[0]]
         if not shine.size:
             continue
         points = points.choose(shine)
-        stokes = np.stack([table.mirror(points.mu_o)[:, :, 0] for table in tables], axis=1) * brightness[:, None]
+        stokes = np.stack([mirror(points.mu_o)[:, :, 0] for mirror in mirrors], axis=1) * (sky.sun / SUN_DISC)[:, None]
         stokes = turn_stokes(stokes, points.back[:, None])
-        np.add.at(found, here.pixel[shine], weigh_channels(stokes, observer) / across.size)
+        np.add.at(found, here.pixel[shine], weigh_channels(stokes, observer) / GLINT_SAMPLES**2)
+
+
+def look_closely(stage: Stage, pixel: Any) -> Iterator[tuple[Samples, Array]]:
+    """What pixels (n,) show, body -1 for nothing, and where their rays head, of GLINT_SAMPLES x GLINT_SAMPLES samples
+    of each, some pixels at a time."""
+    steps = (np.arange(GLINT_SAMPLES) + 0.5) / GLINT_SAMPLES
+    across, down = (part.ravel() for part in np.meshgrid(steps, steps))
+    for block in split(pixel.size, max(1, BLOCK // across.size)):
+        some, times = np.repeat(pixel[block], across.size), pixel[block].size
+        start, heading = stage.look(some, np.tile(across, times), np.tile(down, times))
+        yield Samples(some, *stage.rays.find_hits(start, heading), 0 * some), heading
+
+
+def add_sun(found: Array, stage: Stage, sky: Sky, observer: Array) -> None:
+    """Adds the sun's disc to channels (pixel, 6), where it is in the picture by itself."""
+    lens, toward = stage.lens, -sky.beam
+    ahead = -float(toward @ lens.camera.toward)
+    if ahead <= 0.0:
+        return
+    unit = 0.5 * lens.height / (lens.spread * ahead)
+    middle = (
+        0.5 * lens.width + unit * (toward @ lens.camera.right),
+        0.5 * lens.height - unit * (toward @ lens.camera.up),
+    )
+    reach = unit * np.tan(SUN_RADIUS) / ahead + 1.0
+    columns, rows = (
+        np.arange(max(0, int(place - reach)), min(size, int(place + reach) + 1))
+        for place, size in zip(middle, (lens.width, lens.height), strict=True)
+    )
+    stokes = np.zeros((1, sky.sun.size, 3))
+    stokes[0, :, 0] = sky.sun / SUN_DISC
+    for here, heading in look_closely(stage, np.add.outer(rows * lens.width, columns).ravel()):
+        bright = (here.body < 0) & (heading @ toward > np.cos(SUN_RADIUS))
+        np.add.at(found, here.pixel[bright], weigh_channels(stokes, observer) / GLINT_SAMPLES**2)

@@ -22,7 +22,7 @@ from vrte.formats.layers import describe_filling
 from vrte.formats.toml_table import read_fraction
 from vrte.pictures.describe import INK
 from vrte.pictures.figures import DPI, limit_ticks, make_figure, require_pictures
-from vrte.pictures.lobes import compute_lobe, draw_lobe, make_lobe_colours
+from vrte.pictures.lobes import Lobe, compute_lobe, draw_lobe, make_lobe_colours
 from vrte.render.rendering import PictureSetting, Rendering
 
 if TYPE_CHECKING:
@@ -30,8 +30,11 @@ if TYPE_CHECKING:
 
 GAP = 0.05  # of a panel's size; and so
 LETTERS = 0.064  # the height of letters: more than 11 pixels where a sheet of four columns is shown 800 pixels wide
+ROW_LETTERS = 0.023  # of a row's width
 NARROW, LINE = 0.56, 1.35  # of that: the width of a letter, the distance of lines
 ENDS = np.array([-1.0, 1.0])
+OUTLINE = 0.6  # sRGB grey of the outlines of bodies
+PEAKED, DECADES = 0.05, 3  # the median of a lobe over its largest value, below which its radius is logarithmic
 BEHIND = 0.42  # sRGB grey behind spheres in colour, about the eye's middle
 DEGREE_COLOURS, CIRCULAR_COLOURS, ANGLE_COLOURS = "inferno", "RdBu_r", "hsv"
 FAINT_DEGREE = 0.005  # below, the angle of polarization fades to grey
@@ -70,14 +73,14 @@ def save_radiances(rendering: Rendering, path: str | os.PathLike[str]) -> None:
 
 def draw_figure(renderings: Sequence[Rendering], setting: PictureSetting) -> "Figure":
     """A row a picture, a column each for colour, degree and angle of linear and degree of circular polarization."""
-    sheet = Sheet(setting.size_px, len(renderings), len(HEADINGS), foot=0.56, note=describe_light(setting, renderings))
+    captions = [(rendering.title, "") for rendering in renderings]
+    sheet = Sheet(setting.size_px, captions, len(HEADINGS), foot=0.56, note=describe_light(setting, renderings))
     degrees = measure_degrees(renderings)
     circular = [find_degree_of_circular_polarization(rendering.stokes) for rendering in renderings]
     most = _find_largest(circular)
     handed = Scale(CIRCULAR_COLOURS, -most, most)
     for row, rendering in enumerate(renderings):
-        sheet.caption(row, rendering.title)
-        linear = degrees.colour(find_degree_of_linear_polarization(rendering.stokes), rendering.cover)
+        linear = show_degrees(rendering, degrees)
         angles, hands = colour_angles(rendering.stokes, rendering.cover), handed.colour(circular[row], rendering.cover)
         sheet.show_row(row, put_over_grey(rendering.rgba), linear, angles, hands)
     sheet.head_columns(*HEADINGS)
@@ -94,17 +97,16 @@ def draw_sheet(
     headings = ("colour", LINEAR, *(f"lobe, $\\mu_i$ = {mu_i:g}" for mu_i in LOBE_MU_I))
     lobes = f"Lobes: {1e3 * LOBE_UM:.0f} nm, unpolarized light; the bar below is their {LINEAR}"
     note = f"{lobes}. Pictures: {describe_light(setting, renderings)}"
-    sheet = Sheet(setting.size_px, len(renderings), len(headings), foot=0.20, note=note, lines=2)
+    captions = [(rendering.title, describe_layers(rendering.materials[0].content)) for rendering in renderings]
+    sheet = Sheet(setting.size_px, captions, len(headings), foot=0.20, note=note)
     degrees, size = measure_degrees(renderings), sheet.size
     for row, rendering in enumerate(renderings):
         (material,) = rendering.materials
-        sheet.caption(row, material.title, describe_layers(material.content))
-        linear = degrees.colour(find_degree_of_linear_polarization(rendering.stokes), rendering.cover)
-        sheet.show_row(row, put_over_grey(rendering.rgba), linear)
+        sheet.show_row(row, put_over_grey(rendering.rgba), show_degrees(rendering, degrees))
         brdf = material.brdf(LOBE_UM, LOBE_MU_I, LOBE_MU_O, LOBE_PHI)
         both = [compute_lobe(brdf, index) for index in range(LOBE_MU_I.size)]
-        circle = round_up(max(float(lobe.radius.max()) for lobe in both))
         colours = make_lobe_colours(both)
+        circle, both, scale = scale_lobes(both)
         for column, lobe in enumerate(both, 2):
             lobe = replace(lobe, mirrored=lobe.mirrored.partition(",")[0])  # there is no room for how polarized
             axes = sheet.axes(*sheet.corner(row, column), size, 0.76 * size)
@@ -112,7 +114,7 @@ def draw_sheet(
         left, top = sheet.corner(row, 2)
         where = (left + 0.1 * size, top + 0.80 * size, 0.9 * size, 0.05 * size)
         sheet.draw_bar(where, colours, limit_ticks(2))
-        sheet.text(left + 1.6 * size, top + 0.84 * size, f"outer circle: $f_{{00}}$ = {circle:g} sr$^{{-1}}$")
+        sheet.text(left + 1.6 * size, top + 0.86 * size, scale, linespacing=1.2)
         if progress is not None:
             progress(row + 1, len(renderings), material.title)
     sheet.head_columns(*headings)
@@ -120,21 +122,36 @@ def draw_sheet(
     return sheet.figure
 
 
+def scale_lobes(lobes: Sequence[Lobe]) -> tuple[float, list[Lobe], str]:
+    """The value of the outer circle, the lobes, and their scale in words: logarithmic where most of a lobe would be a
+    few pixels beside its peak."""
+    radii = np.stack([lobe.radius for lobe in lobes])
+    circle = round_up(float(radii.max()))
+    words = f"outer circle: $f_{{00}}$ = {circle:g} sr$^{{-1}}$"
+    if np.median(radii, axis=(1, 2)).max() > PEAKED * circle:
+        return circle, list(lobes), words
+    parts = 1.0 + np.log10(np.maximum(radii / circle, 10.0**-DECADES)) / DECADES
+    drawn = [replace(lobe, heights=circle * part) for lobe, part in zip(lobes, parts, strict=True)]
+    return circle, drawn, f"{words},\nmiddle {circle * 10.0**-DECADES:g}, logarithmic"
+
+
 def draw_row(rendering: Rendering, setting: PictureSetting) -> "Figure":
     """One wide picture of all that stands beside each other: in colour, and below how much of it is polarized."""
     height, width = rendering.cover.shape
-    letter, degrees = 0.0165 * width, measure_degrees([rendering])
+    letter, degrees = ROW_LETTERS * width, measure_degrees([rendering])
     words = f"Below: {LINEAR}. Light: {describe_light(setting, [rendering])}"
     lines = textwrap.wrap(words, int(0.56 * width / (NARROW * letter)))
-    strip, foot = round(2.0 * letter), round((1.3 * max(len(lines), 2) + 0.8) * letter)
+    titles = [
+        textwrap.wrap(material.title, max(4, int(room / (NARROW * letter)) - 1))
+        for material, (_, room) in zip(rendering.materials, rendering.places, strict=True)
+    ]
+    strip, foot = (round((1.3 * count + 0.8) * letter) for count in (max(map(len, titles)), max(len(lines), 2)))
     canvas = Canvas(width, 2 * height + strip + foot, letter)
     canvas.show(0, 0, put_over_grey(rendering.rgba))
-    polarized = find_degree_of_linear_polarization(rendering.stokes)
-    canvas.show(0, height + strip, degrees.colour(polarized, rendering.cover))
-    count, below = len(rendering.materials), canvas.height - 0.5 * foot
-    for index, material in enumerate(rendering.materials):
-        across = 0.5 * width + (index - 0.5 * (count - 1)) * rendering.apart
-        canvas.text(across, height + 0.5 * strip, material.title)
+    canvas.show(0, height + strip, show_degrees(rendering, degrees))
+    below = canvas.height - 0.5 * foot
+    for (across, _), title in zip(rendering.places, titles, strict=True):
+        canvas.text(across, height + 0.5 * strip, "\n".join(title), linespacing=1.2)
     canvas.draw_bar((0.62 * width, below - 0.8 * letter, 0.34 * width, 0.7 * letter), degrees.mappable, degrees.ticks)
     canvas.text(0.015 * width, below, "\n".join(lines), ha="left", linespacing=1.2)
     return canvas.figure
@@ -188,6 +205,18 @@ def measure_degrees(renderings: Sequence[Rendering]) -> Scale:
     return Scale(DEGREE_COLOURS, 0.0, min(most, 1.0), power)
 
 
+def show_degrees(rendering: Rendering, scale: Scale) -> Array:
+    """How polarized a picture is, (height, width, 4), its bodies outlined: ground and body may both be black."""
+    found = scale.colour(find_degree_of_linear_polarization(rendering.stokes), rendering.cover)
+    body = rendering.body
+    if body is not None:
+        edge = np.zeros(body.shape, bool)
+        edge[1:] |= body[1:] != body[:-1]
+        edge[:, 1:] |= body[:, 1:] != body[:, :-1]
+        found[edge, :3] = 0.5 * found[edge, :3] + 0.5 * OUTLINE
+    return found
+
+
 def describe_light(setting: PictureSetting, renderings: Sequence[Rendering]) -> str:
     """Under which light a picture was made, and at which wavelengths."""
     sun = f"sun {setting.sun_elevation_deg:g}° high"
@@ -203,6 +232,8 @@ def describe_light(setting: PictureSetting, renderings: Sequence[Rendering]) -> 
     for material in (material for rendering in renderings for material in rendering.materials):
         sets.setdefault(describe_wavelengths(material.wavelengths_um.tolist()), []).append(material.title)
     first, *others = sets
+    if any(rendering.glare for rendering in renderings):
+        light += ", with the glare of an eye"
     return "; ".join([light, first, *(f"{words} ({', '.join(sets[words])})" for words in others)])
 
 
@@ -275,19 +306,25 @@ class Canvas:
 
 
 class Sheet(Canvas):
-    """Square panels, pixel by pixel, with room for headings, captions above each row, legends below, and a note at the
-    bottom, in as many lines as it takes. ``lines`` of a caption; ``foot``, room for legends, in panels."""
+    """Square panels, pixel by pixel, with room for headings, legends below, and ``captions`` above each row, a title
+    and what there is to say of it, and a note at the bottom, in as many lines as they take; ``foot``, room for legends,
+    in panels."""
 
-    def __init__(self, size: int, rows: int, columns: int, foot: float, note: str, lines: int = 1) -> None:
-        self.size, self.rows, self.columns = size, rows, columns
+    def __init__(self, size: int, captions: Sequence[tuple[str, str]], columns: int, foot: float, note: str) -> None:
+        self.size, self.rows = size, len(captions)
         self.gap = self.left = round(GAP * size)
         width = self.left + columns * (size + self.gap)
         self.letter = LETTERS * size * min(1.0, columns / 4)  # [pixels]
         self.line = LINE * self.letter
-        self.head, self.strip = round(2.0 * self.line), round((lines + 0.3) * self.line)
-        words = textwrap.wrap(note, max(8, int((width - 2.0 * self.left) / (NARROW * self.letter))))
+        most = max(8, int((width - 2.0 * self.left) / (NARROW * self.letter)))
+        texts, words = [textwrap.wrap(text, most) for _, text in captions], textwrap.wrap(note, most)
+        self.head, self.strip = round(2.0 * self.line), round((1.3 + max(map(len, texts))) * self.line)
         self.foot = round(foot * size + self.line * (len(words) + 0.5))
-        super().__init__(width, self.head + rows * (size + self.gap + self.strip) + self.foot, self.letter)
+        super().__init__(width, self.head + self.rows * (size + self.gap + self.strip) + self.foot, self.letter)
+        for row, (title, _) in enumerate(captions):
+            top = self.corner(row, 0)[1] - self.strip
+            self.text(self.left, top + 0.65 * self.line, title, 1.15, ha="left", weight="bold")
+            self.text(self.left, top + 1.25 * self.line, "\n".join(texts[row]), ha="left", va="top", linespacing=1.2)
         below = self.height - 0.6 * self.gap
         self.text(self.left, below, "\n".join(words), ha="left", va="bottom", linespacing=1.2)
 
@@ -306,12 +343,6 @@ class Sheet(Canvas):
         for column, heading in enumerate(headings):
             words = textwrap.fill(heading, max(4, int(self.size / (NARROW * self.letter))))
             self.text(self.corner(0, column)[0] + 0.5 * self.size, 0.5 * self.head, words, linespacing=1.1)
-
-    def caption(self, row: int, title: str, text: str = "") -> None:
-        """A row's title, and what there is to say of it."""
-        left, top = self.corner(row, 0)
-        self.text(left, top - self.strip + 0.65 * self.line, title, 1.15, ha="left", weight="bold")
-        self.text(left, top - 0.55 * self.line, text, ha="left")
 
     def bar(self, column: int, scale: Scale) -> None:
         """A legend of colours below a column."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +26,28 @@ from vrte.formats.scene_file import (
 )
 from vrte.formats.toml_table import Table
 from vrte.optics.facets import RoughSurface
-from vrte.render.geometry import SHAPES, SUFFIXES, UP, find_shape, place_camera, place_lens
-from vrte.render.objects import CHANNELS, Stage, View, draw_background, draw_object, weigh_channels
+from vrte.render.geometry import (
+    FIELD_DEG,
+    SHAPES,
+    SUFFIXES,
+    UP,
+    Body,
+    find_shape,
+    halve,
+    place_camera,
+    place_lens,
+)
+from vrte.render.glare import spread_glare
+from vrte.render.objects import (
+    CHANNELS,
+    Stage,
+    View,
+    add_glints,
+    add_sun,
+    draw_background,
+    draw_object,
+    weigh_channels,
+)
 from vrte.render.sky import (
     FEWEST,
     FROM_UM,
@@ -44,7 +64,7 @@ from vrte.render.sky import (
 )
 from vrte.render.surfaces import SceneLight, compute_irradiance
 from vrte.render.tables import BrdfTable, Resolution, tabulate_brdf
-from vrte.render.tracing import VARIANT, Tracing, trace
+from vrte.render.tracing import VARIANT, Scene, Tracing, mirror_beam
 from vrte.results.brdf import Brdf, Spectrum, check_ascending
 from vrte.results.facets import find_facets, leave_out_facets
 
@@ -54,6 +74,7 @@ OWN = ("title", "wavelengths", "wavelengths_um", "object", "turn_deg")  # of eac
 LONGEST_TITLE = 60
 SPHERE = "sphere"  # by itself, with neither ground nor sky behind it
 OBJECTS = (SPHERE, *SHAPES)
+HALVES = ("left", "right")  # of an object, as the camera sees it
 ALLOWED_OBJECTS = f"must be {' or '.join(OBJECTS)}, or a file that ends in {' or '.join(SUFFIXES)}"
 RANGES = {  # key: lowest, highest, in words
     "sun_elevation_deg": (1.0, 90.0, "degrees from 1 to 90"),
@@ -167,15 +188,43 @@ def read_bounded(table: Table, key: str) -> float:
     return found
 
 
+def split_object(shape: str) -> tuple[str, str]:
+    """The name of an object and, of a half of it, "left" or "right"; otherwise ""."""
+    name, _, side = shape.rpartition(":")
+    return (name, side) if side in HALVES else (shape, "")
+
+
 def check_object(name: str, folder: Path = Path()) -> str:
     """The name of an object, or the path of a mesh in ``folder``. Raises SceneError with what is wrong with it."""
-    if name in OBJECTS:
+    whole, side = split_object(name)
+    if side and whole == SPHERE:
+        raise SceneError(f'has no halves: "ball:{side}" is half of one on the ground')
+    if whole in OBJECTS:
         return name
-    if Path(name).suffix.lower() not in SUFFIXES:
+    if Path(whole).suffix.lower() not in SUFFIXES:
         raise SceneError(ALLOWED_OBJECTS)
-    if not (folder / name).is_file():
-        raise SceneError(f"no such file: {folder / name}")
+    if not (folder / whole).is_file():
+        raise SceneError(f"no such file: {folder / whole}")
     return str(folder / name)
+
+
+def place_side_by_side(materials: Sequence[Material]) -> list[tuple[float, float, str]]:
+    """Of each material in a row: where the middle of what it covers is and how wide, in distances of objects from the
+    row's middle, and which half of its object that is, "" for all. Raises SceneError."""
+    found: list[tuple[float, float, str]] = []
+    count = 0
+    for index, material in enumerate(materials):
+        shape, side = split_object(material.shape)
+        partner = materials[index - 1 : index] if side == "right" else materials[index + 1 : index + 2]
+        whole = {"left": "right", "right": "left"}
+        if side and [split_object(other.shape) for other in partner] != [(shape, whole[side])]:
+            words = (
+                f"{shape}:left and {shape}:right are of two scenes, one after the other, of one picture (--together)"
+            )
+            raise SceneError(f"{material.path}: {material.shape} is half of an object: {words}")
+        count += side != "right"
+        found.append((count - 1.0 + {"": 0.0, "left": -0.25, "right": 0.25}[side], 0.5 if side else 1.0, side))
+    return [(middle - 0.5 * (count - 1), room, side) for middle, room, side in found]
 
 
 def read_object(path: Path, table: Table, given: str | None) -> tuple[str, float]:
@@ -226,6 +275,8 @@ RESOLUTIONS = (Resolution(), Resolution(48, 180), Resolution(64, 240))
 MOST_AT_ONCE = 12  # wavelengths whose tables are in memory, 24 MB each and as much again while they are made
 MOST_SPLINES = 2_000_000  # coefficients, of 128 bytes each, of all tables of a sphere that are in memory
 APART = 1.15  # middles of objects beside each other
+DETAIL = 3  # of traced shapes: flat triangles shadow each other where light grazes
+MEAN_DEVIATE = 0.798  # the mean size of a normal deviate of variance 1
 FINE_ENOUGH = 3e-3  # error of a BRDF between the directions of its table
 
 
@@ -236,8 +287,10 @@ class Rendering:
     CIE ``xyz`` (height, width, 3) and ``stokes`` (height, width, 4), weighted by luminance; Y and I are 1 for a white
     Lambertian surface that faces the sun, NaN around a sphere. Stokes axes: l upright, r to the right. ``cover``
     (height, width) is a sphere's fraction of each pixel, 1 around what stands on the ground. ``errors`` of the BRDFs
-    between the directions of their tables; middles of objects are ``apart`` [pixels]; ``light`` in words, where it is
-    not that of the setting; ``noise`` of a traced picture, the standard error of Y over its mean.
+    between the directions of their tables; ``places`` of objects across the picture, and the room of each [pixels];
+    ``pixel_deg``, the angle between pixels; ``light`` in words, where it is not that of the setting; ``noise`` of a
+    traced picture, the standard error of Y over its mean; whether it is shown with ``glare``. ``body`` (height, width):
+    which one stands in each pixel, -1 for none, None of a sphere.
     """
 
     materials: Sequence[Material]
@@ -246,9 +299,12 @@ class Rendering:
     cover: Array
     film: Film
     errors: Sequence[float]
-    apart: float = 0.0
+    pixel_deg: float = 0.0
+    places: Sequence[tuple[float, float]] = ()
     light: str = ""
     noise: float | None = None
+    glare: bool = False
+    body: Any = None
 
     @property
     def title(self) -> str:
@@ -258,7 +314,10 @@ class Rendering:
     @property
     def rgba(self) -> Array:
         """The picture in colour, (height, width, 4) from 0 to 1, transparent around a sphere."""
-        return np.concatenate([self.film(np.nan_to_num(self.xyz)), self.cover[..., None]], axis=-1)
+        xyz = np.nan_to_num(self.xyz)
+        if self.glare:
+            xyz = spread_glare(xyz, self.film.brightness(xyz), self.pixel_deg)
+        return np.concatenate([self.film(xyz), self.cover[..., None]], axis=-1)
 
 
 def compute_pictures(
@@ -353,7 +412,8 @@ def draw_sphere(
     for chosen, tables in lit.tabulate(max(1, MOST_SPLINES // (table.splines.size // 16))):
         found[view.pixels[0]] += weigh_channels(view.stokes(tables, chosen), observer[:, chosen])
     picture = found.reshape(view.size, view.size, CHANNELS)
-    return Rendering([material], picture[..., :3], picture[..., [1, 3, 4, 5]], view.cover, film, [error])
+    stokes = picture[..., [1, 3, 4, 5]]
+    return Rendering([material], picture[..., :3], stokes, view.cover, film, [error], FIELD_DEG / view.size)
 
 
 def draw_on_ground(
@@ -372,11 +432,26 @@ def draw_on_ground(
             light = SceneLight.of(lit.sky.choose(chosen), setting.ground_albedo, stage.ground)
             if own.pixel.size:
                 found += draw_object(stage, own, tables, light, lit.weighed[0][:, chosen])
-    picture = found.reshape(stage.lens.height, stage.lens.width, CHANNELS)
-    apart = APART * stage.lens.height / (2.0 * stage.lens.spread * stage.lens.distance)
-    errors = [lit.first[1] for lit in all_lit]
-    cover, film = np.ones(picture.shape[:2]), all_lit[0].weighed[1]
-    return Rendering(materials, picture[..., :3], picture[..., [1, 3, 4, 5]], cover, film, errors, apart)
+    add_sun(found, stage, all_lit[0].sky, all_lit[0].weighed[0])
+    bare = Rendering(materials, *split_channels(found, stage), all_lit[0].weighed[1], [lit.first[1] for lit in all_lit])
+    return set_out(bare, stage)
+
+
+def split_channels(channels: Array, stage: Stage) -> tuple[Array, Array, Array]:
+    """XYZ (height, width, 3), Stokes vectors (height, width, 4) and the cover of channels (pixel, 6)."""
+    picture = channels.reshape(stage.lens.height, stage.lens.width, CHANNELS)
+    return picture[..., :3], picture[..., [1, 3, 4, 5]], np.ones(picture.shape[:2])
+
+
+def set_out(rendering: Rendering, stage: Stage) -> Rendering:
+    """The same with what it takes to write beside its objects."""
+    lens = stage.lens
+    unit = APART / np.radians(lens.pixel_deg) / lens.distance
+    row = place_side_by_side(rendering.materials)
+    places = [(0.5 * lens.width + unit * middle, unit * room) for middle, room, _ in row]
+    pixel = np.arange(lens.width * lens.height)
+    body = stage.rays.find_hits(*stage.look(pixel, np.array(0.5), np.array(0.5)))[0]
+    return replace(rendering, pixel_deg=lens.pixel_deg, places=places, body=body.reshape(lens.height, lens.width))
 
 
 def draw_traced(materials: Sequence[Material], setting: PictureSetting, step: Step, tracing: Tracing) -> Rendering:
@@ -385,7 +460,7 @@ def draw_traced(materials: Sequence[Material], setting: PictureSetting, step: St
     from vrte.mitsuba.bsdf import make_bsdf, mi
 
     mi.set_variant(VARIANT)
-    stage = set_stage(materials, setting)
+    stage = set_stage(materials, setting, DETAIL)
     main = Lit(max(materials, key=lambda one: one.wavelengths_um.size), setting, RESOLUTIONS, step)
     wavelengths = main.material.wavelengths_um
     observer, film = main.weighed
@@ -393,8 +468,10 @@ def draw_traced(materials: Sequence[Material], setting: PictureSetting, step: St
     if tracing.environment is not None:
         albedo, observer = None, weigh_wavelengths(wavelengths)
         film = make_film(observer.sum(axis=1), setting.exposure)
-    halves = np.zeros((2, stage.lens.height, stage.lens.width, CHANNELS))
+    halves = np.zeros((2, stage.lens.height * stage.lens.width, CHANNELS))
+    scene, samples = Scene(stage.bodies, stage.lens, albedo), max(1, tracing.samples // 2)
     made: dict[int, tuple[Any, float]] = {}
+    mirrors: dict[int, list[Any]] = {}
     for index, wavelength in enumerate(wavelengths.tolist()):
         for place, material in enumerate(materials):
             step(0, material.title)
@@ -403,23 +480,31 @@ def draw_traced(materials: Sequence[Material], setting: PictureSetting, step: St
                 table = tabulate_for_tracing(material, at)
                 error = made[place][1] if index else measure_table_error(material, at, table)
                 made[place] = make_bsdf(table), error
+                if table.beam is not None:
+                    mirrors.setdefault(place, []).append(partial(mirror_beam, table.beam[:, 0]))
+            elif place in mirrors:
+                mirrors[place].append(mirrors[place][0])
             step(1, material.title)
         light = tracing.make_light(main.sky.choose([index]), film, observer, index)
-        bsdfs = [made[place][0] for place in range(len(materials))]
-        for half in range(2):
-            samples, seed = max(1, tracing.samples // 2), 2 * index + half
-            found = trace(stage.bodies, bsdfs, stage.lens, light, albedo, samples, seed)
-            channels = weigh_channels(found.reshape(-1, 1, 4), observer[:, index : index + 1])
-            halves[half] += channels.reshape(*found.shape[:2], CHANNELS)
+        seen = scene.trace(
+            [made[place][0] for place in range(len(materials))], light, samples, [2 * index, 2 * index + 1]
+        )
+        halves += weigh_channels(seen.reshape(-1, 1, 4), observer[:, index : index + 1]).reshape(halves.shape)
         step(len(materials), main.material.title)
-    picture = halves.mean(axis=0)
-    apart_by = np.abs(halves[0] - halves[1])[..., 1]
-    noise = 0.5 * float(np.mean(apart_by) / 0.798 / picture[..., 1].mean())  # 0.798: mean size of a normal deviate
-    apart = APART * stage.lens.height / (2.0 * stage.lens.spread * stage.lens.distance)
+    flat = halves.mean(axis=0)
+    apart_by = 0.5 * float(np.abs(halves[0] - halves[1])[:, 1].mean()) / MEAN_DEVIATE
+    noise = apart_by / (float(flat[:, 1].mean()) or 1.0)  # a black picture has none
+    if tracing.environment is None and not tracing.caustics:  # no path has met the sun
+        add_sun(flat, stage, main.sky, observer)
+        shown = stage.find_samples()
+        for place, mirror in mirrors.items():
+            own = shown.choose(shown.body == place)
+            if own.pixel.size:
+                add_glints(flat, stage, own, mirror, main.sky, observer)
     words = "" if tracing.environment is None else f"environment {tracing.environment.name}"
     errors = [made[place][1] for place in range(len(materials))]
-    stokes = picture[..., [1, 3, 4, 5]]
-    return Rendering(materials, picture[..., :3], stokes, np.ones(stokes.shape[:2]), film, errors, apart, words, noise)
+    bare = Rendering(materials, *split_channels(flat, stage), film, errors, light=words, noise=noise)
+    return set_out(bare, stage)
 
 
 def tabulate_for_tracing(material: Material, wavelength_um: float) -> HalfVectorTable:
@@ -440,15 +525,17 @@ def measure_table_error(material: Material, wavelength_um: float, table: HalfVec
     return float(np.abs((found - exact) * scale).max()) / largest if largest else 0.0
 
 
-def set_stage(materials: Sequence[Material], setting: PictureSetting) -> Stage:
-    """Objects in a row on the ground, before the camera. Raises SceneError, OSError, MissingExtraError."""
+def set_stage(materials: Sequence[Material], setting: PictureSetting, detail: int = 1) -> Stage:
+    """Objects in a row on the ground, before the camera, with ``detail`` times the corners along each line. Raises
+    SceneError, OSError, MissingExtraError."""
     camera = place_camera(setting.camera_elevation_deg, -setting.sun_azimuth_deg)  # the sun stands at azimuth 0
-    bodies = []
-    for index, material in enumerate(materials):
-        shape = find_shape(material.shape, material.up)
-        sideways = APART * (index - 0.5 * (len(materials) - 1)) * camera.right
+    bodies: list[Body] = []
+    for material, (middle, room, side) in zip(materials, place_side_by_side(materials), strict=True):
+        shape = find_shape(split_object(material.shape)[0], material.up, detail)
+        sideways = APART * (middle + (0.5 * room * (-1.0 if side == "right" else 1.0) if side else 0.0)) * camera.right
         turn = material.turn_deg - setting.sun_azimuth_deg  # the same side faces the camera, wherever the sun is
-        bodies.append(shape.place(turn, (float(sideways[0]), float(sideways[1]))))
+        body = shape.place(turn, (float(sideways[0]), float(sideways[1])))
+        bodies.append(halve(body, camera.right, side) if side else body)
     sky = make_sky("sun", [1.0], setting.sun_elevation_deg, 0.0)
     return Stage(bodies, place_lens(camera, bodies, setting.size_px), sky.beam)
 

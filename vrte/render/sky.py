@@ -112,6 +112,7 @@ def solve_rayleigh_sky(thickness: float, mu0: float, albedo: float, theta: Array
 
 FEWEST, MOST = 9, 31  # wavelengths, where their number is given
 FROM_UM, TO_UM = 0.40, 0.70
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear sRGB
 NEEDED = "a picture in colour", "render"  # what for, and the extra that brings it
 
 
@@ -145,6 +146,10 @@ class Film:
     def linear(self, xyz: Array) -> Array:
         """Linear sRGB (..., 3), where 1 is the brightest that a screen shows; not cut off."""
         return np.asarray(xyz @ self.matrix.T)
+
+    def brightness(self, xyz: Array) -> Array:
+        """The luminance (...) of linear sRGB, 1 for the screen's white."""
+        return np.asarray(self.linear(xyz) @ LUMINANCE)
 
     def __call__(self, xyz: Array) -> Array:
         """sRGB (..., 3) from 0 to 1; what is out of reach is cut off."""

@@ -18,19 +18,20 @@ from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.basics.llvm import prepare_llvm
 from vrte.basics.splines import make_spline_matrix
+from vrte.exports.half_vectors import STEEPEST
 from vrte.formats.atomic import check_file
 from vrte.render.geometry import Body, Lens
-from vrte.render.objects import SUN_RADIUS
-from vrte.render.sky import Film, Sky
+from vrte.render.objects import SUN_DISC, SUN_RADIUS
+from vrte.render.sky import LUMINANCE, Film, Sky
 
 VARIANT = "llvm_ad_mono_polarized"
 HEIGHTS = 256  # of the sky's table, even in the root of the cosine from the zenith
 FAR = 1e4  # radius of the ground, in sizes of an object
 DEEPEST = 64  # scatterings that a path is followed through
 SAMPLES, MOST_SAMPLES = 32, 65536  # paths of a pixel and wavelength
+ACROSS = np.array([1.0, -1.0, -1.0, 1.0])  # of Stokes vectors between the plane of incidence and the axis across it
 SUN_SHARES = 0.2, 0.9  # of the samples of light, at least and at most, where there is a sky beside the sun
 CHORD = 2.0 * np.sin(0.5 * SUN_RADIUS)  # of the sun's disc, from its middle to its rim
-DISC = np.pi * np.sin(SUN_RADIUS) ** 2  # solid angle of the sun's disc [sr]
 
 
 def tabulate_sky(sky: Sky) -> Array:
@@ -49,30 +50,32 @@ def make_sky_class() -> Any:
     from vrte.mitsuba.bsdf import dr, hold, mi, split, take
 
     class SkyLight(mi.Emitter):
-        """The sun's even disc, unpolarized, and the upper half of the sky."""
+        """The sun's even disc, unpolarized, and the upper half of the sky. Without ``caustics`` the disc is a place
+        that samples of light know and no path meets: what mirrors send of it to other things is left out."""
 
-        def __init__(self, props: Any, sky: Sky) -> None:
+        def __init__(self, props: Any, sky: Sky, caustics: bool) -> None:
             mi.Emitter.__init__(self, props)
             self.m_flags = +mi.EmitterFlags.Infinite
+            self.caustics = caustics
             orders = tabulate_sky(sky)
             self.orders = hold(orders)
-            self.sun, self.beam = mi.Vector3f(*(-sky.beam).tolist()), sky.beam.tolist()
-            self.disc = mi.Float(float(sky.sun[0]) / DISC)
+            toward = -sky.beam
+            self.sun, level = mi.Vector3f(*toward.tolist()), toward[:2] / (np.hypot(*toward[:2]) or 1.0)
+            self.level = mi.Vector2f(*level.tolist())  # the way to the sun, on the ground
+            self.disc = mi.Float(float(sky.sun[0]) / SUN_DISC)
             root = np.linspace(0.0, 1.0, HEIGHTS)
-            level = 4.0 * np.pi * float(np.mean(orders[:, 0, 0] * root**3)), float(sky.sun[0] * -sky.beam[2])
-            if all(level):  # irradiance by the sky and by the sun
-                self.share = float(np.clip(level[1] / sum(level), *SUN_SHARES))
-            else:
-                self.share = float(level[1] > 0.0)
+            even = 4.0 * np.pi * float(np.mean(orders[:, 0, 0] * root**3)), float(sky.sun[0] * toward[2])
+            # irradiance by the sky and by the sun: the part of samples that the sun has
+            share = float(np.clip(even[1] / sum(even), *SUN_SHARES)) if all(even) else float(even[1] > 0.0)
+            self.share, self.rest = mi.Float(share), mi.Float(1.0 - share)
+            dr.make_opaque(self.sun, self.level, self.disc, self.share, self.rest)  # one kernel for all wavelengths
 
-        def shine(self, toward: Any) -> Any:
-            """The light from a direction, as the first column of a Mueller matrix."""
+        def shine(self, toward: Any, sky: Any, sun: Any) -> Any:
+            """The light from a direction, as the first column of a Mueller matrix, where ``sky`` and ``sun`` count."""
             across = dr.sqrt(dr.maximum(toward.x * toward.x + toward.y * toward.y, 1e-12))
             heading = mi.Vector2f(-toward.x / across, -toward.y / across)
-            length = float(np.hypot(*self.beam[:2])) or 1.0
-            ahead, aside = self.beam[0] / length, self.beam[1] / length
-            cosine = heading.x * ahead + heading.y * aside
-            sine = heading.y * ahead - heading.x * aside
+            cosine = -dr.dot(heading, self.level)
+            sine = heading.x * self.level.y - heading.y * self.level.x
             even, odd = [1.0, cosine, 2.0 * cosine * cosine - 1.0], [0.0, sine, 2.0 * sine * cosine]
             cell, part = split(dr.sqrt(dr.clip(toward.z, 0.0, 1.0)), HEIGHTS)
             stokes = []
@@ -83,30 +86,34 @@ def make_sky_class() -> Any:
                         take(mi.Float, self.orders, 9 * (cell + step) + 3 * order + parameter) for step in (0, 1)
                     )
                     total += (low + part * (high - low)) * wave
-                stokes.append(dr.select(toward.z > 0.0, total, 0.0))
+                stokes.append(dr.select(sky & (toward.z > 0.0), total, 0.0))
             value = mi.Spectrum(0.0)
             value[0, 0] = mi.UnpolarizedSpectrum(stokes[0])
             value[1, 0], value[2, 0] = mi.UnpolarizedSpectrum(stokes[1]), mi.UnpolarizedSpectrum(-stokes[2])
             travel = -toward
             polar = mi.Vector3f(travel.z * heading.x, travel.z * heading.y, -across)
             value = mi.mueller.rotate_stokes_basis(travel, polar, mi.mueller.stokes_basis(travel)) @ value
-            value[0, 0] += mi.UnpolarizedSpectrum(dr.select(self.is_sun(toward), self.disc, 0.0))
+            value[0, 0] += mi.UnpolarizedSpectrum(dr.select(sun, self.disc, 0.0))
             return value
 
-        def is_sun(self, toward: Any) -> Any:
-            """Whether a direction leads to the sun's disc."""
-            return dr.squared_norm(toward - self.sun) < CHORD**2
+        def meet(self, toward: Any) -> Any:
+            """The light from a direction that a path takes."""
+            return self.shine(toward, mi.Bool(True), self.is_met(toward))
+
+        def is_met(self, toward: Any) -> Any:
+            """Whether a path in this direction meets the sun's disc."""
+            return mi.Bool(self.caustics) & (dr.squared_norm(toward - self.sun) < CHORD**2)
 
         def find_density(self, toward: Any) -> Any:
-            """The density of sampled directions [1/sr]."""
-            sky = dr.select(toward.z > 0.0, (1.0 - self.share) / (2.0 * dr.pi), 0.0)
-            return sky + dr.select(self.is_sun(toward), self.share / DISC, 0.0)
+            """The density of sampled directions that a path may take, too [1/sr]."""
+            sky = dr.select(toward.z > 0.0, self.rest / (2.0 * dr.pi), 0.0)
+            return sky + dr.select(self.is_met(toward), self.share / SUN_DISC, 0.0)
 
         def sample_direction(self, it: Any, sample: Any, active: Any = True) -> Any:
             """A direction of the sun or the sky, and its light over its density."""
             chosen = sample.x < self.share
             first = dr.select(
-                chosen, sample.x / max(self.share, 1e-9), (sample.x - self.share) / max(1.0 - self.share, 1e-9)
+                chosen, sample.x / dr.maximum(self.share, 1e-9), (sample.x - self.share) / dr.maximum(self.rest, 1e-9)
             )
             on_disc = mi.warp.square_to_uniform_disk(mi.Point2f(first, sample.y)) * float(np.sin(SUN_RADIUS))
             near = dr.normalize(self.sun + mi.Frame3f(self.sun).to_world(mi.Vector3f(on_disc.x, on_disc.y, 0.0)))
@@ -117,11 +124,11 @@ def make_sky_class() -> Any:
             found.p = it.p + found.d * found.dist
             found.n = -found.d
             found.time = it.time
-            found.pdf = self.find_density(found.d)
+            found.delta = chosen & (not self.caustics)
+            found.pdf = dr.select(found.delta, self.share / SUN_DISC, self.find_density(found.d))
             found.emitter = mi.EmitterPtr(self)
-            return found, dr.select(
-                found.pdf > 0.0, self.shine(found.d) / dr.maximum(found.pdf, 1e-9), mi.Spectrum(0.0)
-            )
+            light = self.shine(found.d, ~found.delta, found.delta | self.is_met(found.d))
+            return found, dr.select(found.pdf > 0.0, light / dr.maximum(found.pdf, 1e-9), mi.Spectrum(0.0))
 
         def pdf_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
             """The density of `sample_direction`."""
@@ -129,11 +136,11 @@ def make_sky_class() -> Any:
 
         def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
             """The light along a direction sample."""
-            return self.shine(ds.d)
+            return self.meet(ds.d)
 
         def eval(self, si: Any, active: Any = True) -> Any:
             """The light that a ray meets which meets nothing else."""
-            return self.shine(-si.wi)
+            return self.meet(-si.wi)
 
         def bbox(self) -> Any:
             """An empty box: the sky has no place in space."""
@@ -145,13 +152,11 @@ def make_sky_class() -> Any:
     return SkyLight
 
 
-def make_mesh(body: Body, bsdf: Any) -> Any:
+def make_mesh(body: Body) -> Any:
     """A body as Mitsuba's mesh."""
     from vrte.mitsuba.bsdf import mi
 
-    props = mi.Properties()
-    props["bsdf"] = bsdf
-    mesh = mi.Mesh("body", len(body.corners), len(body.triangles), props=props, has_vertex_normals=True)
+    mesh = mi.Mesh("body", len(body.corners), len(body.triangles), has_vertex_normals=True)
     fields = mi.traverse(mesh)
     fields["vertex_positions"] = np.float32(body.corners).ravel()
     fields["vertex_normals"] = np.float32(body.normals).ravel()
@@ -168,17 +173,19 @@ def is_ready() -> bool:
 @dataclass(frozen=True)
 class Tracing:
     """How pictures are traced: ``samples``, paths of a pixel and wavelength; ``environment``, an image (.exr, .hdr) of
-    the light from all sides in place of sky and ground, linear sRGB, its upper edge the zenith."""
+    the light from all sides in place of sky and ground, linear sRGB, its upper edge the zenith; whether ``caustics``
+    count, the sun's light that smooth surfaces mirror onto other things."""
 
     samples: int = SAMPLES
     environment: Path | None = None
+    caustics: bool = False
 
     def make_light(self, sky: Sky, film: Film, observer: Array, at: int) -> Any:
         """Mitsuba's emitter at one of the wavelengths of ``observer`` (3, wavelength), of which ``sky`` has one."""
         from vrte.mitsuba.bsdf import mi
 
         if self.environment is None:
-            return make_sky_class()(mi.Properties(), sky)
+            return make_sky_class()(mi.Properties(), sky, self.caustics)
         radiance = np.maximum(read_environment(self.environment) @ spread_colours(film, observer)[:, at], 0.0)
         image = mi.Bitmap(np.float32(np.repeat(radiance[..., None], 3, axis=2)))
         upright = mi.ScalarTransform4f().rotate([1, 0, 0], 90)
@@ -206,27 +213,32 @@ def spread_colours(film: Film, observer: Array) -> Array:
     differences: white is 1 at all wavelengths. Of fewer than 4 wavelengths, all have the luminance."""
     count = observer.shape[1]
     if count < 4:
-        return np.outer([0.2126, 0.7152, 0.0722], np.ones(count))
+        return np.outer(LUMINANCE, np.ones(count))
     seen = film.linear(observer.T).T
     bend = np.diff(np.eye(count), 2, axis=0)
     system = np.block([[bend.T @ bend, seen.T], [seen, np.zeros((3, 3))]])
     return np.linalg.solve(system, np.concatenate([np.zeros((count, 3)), np.eye(3)]))[:count].T
 
 
-def trace(
-    bodies: Sequence[Body], bsdfs: Sequence[Any], lens: Lens, light: Any, albedo: float | None, samples: int, seed: int
-) -> Array:
-    """Stokes radiance (height, width, 4) at one wavelength, from ``samples`` paths a pixel; ``albedo`` of the ground,
-    None without one."""
-    from vrte.mitsuba.bsdf import mi
+def mirror_beam(beam: Any, mu: Array) -> Array:
+    """The fraction (n, 4, 4) of light along mu (n,) that is mirrored as a beam, in the surface's axes l and r, by the
+    ``beam`` (theta, 4, 4) of a `HalfVectorTable` at one wavelength."""
+    x = np.arcsin(np.minimum(np.arccos(mu) / STEEPEST, 1.0)) * (2.0 / np.pi) * (len(beam) - 1)
+    cell = np.minimum(x.astype(int), len(beam) - 2)
+    part = (x - cell)[:, None, None]
+    return ((1.0 - part) * beam[cell] + part * beam[cell + 1]) * np.outer(ACROSS, ACROSS)
 
-    film = {"type": "hdrfilm", "width": lens.width, "height": lens.height, "rfilter": {"type": "box"}}
-    film |= {"pixel_format": "luminance", "component_format": "float32"}
-    at, to, up = (part.tolist() for part in (lens.place, lens.middle, lens.camera.up))
-    scene: dict[str, Any] = {
-        "type": "scene",
-        "integrator": {"type": "stokes", "nested": {"type": "path", "max_depth": DEEPEST}},
-        "sensor": {
+
+class Scene:
+    """What Mitsuba traces: ``bodies`` before a ``lens``, ``albedo`` of the ground, None without one."""
+
+    def __init__(self, bodies: Sequence[Body], lens: Lens, albedo: float | None) -> None:
+        from vrte.mitsuba.bsdf import mi
+
+        film = {"type": "hdrfilm", "width": lens.width, "height": lens.height, "rfilter": {"type": "box"}}
+        film |= {"pixel_format": "luminance", "component_format": "float32"}
+        at, to, up = (part.tolist() for part in (lens.place, lens.middle, lens.camera.up))
+        sensor = {
             "type": "perspective",
             "fov": float(np.degrees(2.0 * np.arctan(lens.spread))),
             "fov_axis": "y",
@@ -234,12 +246,21 @@ def trace(
             "far_clip": 10.0 * FAR,
             "to_world": mi.ScalarTransform4f().look_at(origin=at, target=to, up=up),
             "film": film,
-        },
-        "light": light,
-    }
-    scene |= {f"body{index}": make_mesh(*pair) for index, pair in enumerate(zip(bodies, bsdfs, strict=True))}
-    if albedo is not None:
-        ground = {"type": "diffuse", "reflectance": {"type": "rgb", "value": [albedo] * 3}}
-        scene["ground"] = {"type": "disk", "to_world": mi.ScalarTransform4f().scale(FAR), "bsdf": ground}
-    found = np.array(mi.render(mi.load_dict(scene), spp=samples, seed=seed))
-    return found[..., 1::3] * [1.0, -1.0, 1.0, 1.0]
+        }
+        integrator = {"type": "stokes", "nested": {"type": "path", "max_depth": DEEPEST}}
+        self.known: dict[str, Any] = {"type": "scene", "integrator": integrator, "sensor": sensor}
+        if albedo is not None:
+            ground = {"type": "diffuse", "reflectance": {"type": "rgb", "value": [albedo] * 3}}
+            self.known["ground"] = {"type": "disk", "to_world": mi.ScalarTransform4f().scale(FAR), "bsdf": ground}
+        self.meshes = [make_mesh(body) for body in bodies]
+
+    def trace(self, bsdfs: Sequence[Any], light: Any, samples: int, seeds: Sequence[int]) -> Array:
+        """Stokes radiance (seed, height, width, 4) at one wavelength, from ``samples`` paths a pixel and seed, with the
+        BSDF of each body."""
+        from vrte.mitsuba.bsdf import mi
+
+        for mesh, bsdf in zip(self.meshes, bsdfs, strict=True):
+            mesh.set_bsdf(bsdf)
+        scene = mi.load_dict(self.known | {"light": light} | {f"body{k}": mesh for k, mesh in enumerate(self.meshes)})
+        found = np.stack([np.array(mi.render(scene, spp=samples, seed=seed)) for seed in seeds])
+        return found[..., 1::3] * [1.0, -1.0, 1.0, 1.0]
