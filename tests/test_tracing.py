@@ -170,7 +170,7 @@ def test_an_exr_file_and_an_own_mesh_whose_y_axis_points_up(tmp_path: Path) -> N
         ("--object ball --environment none.exr", "--environment: no such file: none.exr"),
         ("--object ball --tracer own --caustics", "--caustics: is for Mitsuba, not with --tracer own"),
         ("--object ball --caustics --environment scene.toml", "--caustics: are of the sun, and --environment has none"),
-        ("--object ball --glare -o a.exr", "--glare: is of pictures for a screen; -o OUT.exr holds radiances"),
+        ("--object ball --glare -o a.exr", "-o OUT.exr: holds radiances, neither a --sheet nor --colour-only nor --glare"),
     ],
 )
 def test_what_is_not_traced_is_refused(

@@ -16,8 +16,6 @@ OF_OBJECTS = (
     f"one for all scenes, or one for each: {', '.join(OBJECTS)}, or a mesh ({', '.join(SUFFIXES)}); default: what each "
     f"file says, or {SPHERE}"
 )
-
-
 UPWARD = ("z", "y")
 TRACERS = ("auto", "mitsuba", "own")
 WRITTEN = (".png", ".svg", ".pdf", ".exr")
@@ -70,10 +68,8 @@ def run(options: argparse.Namespace) -> None:
     tracing = choose_tracing(options, [material.shape for material in materials])
     if options.output.suffix.lower() == ".exr" and len(materials) > 1 and not options.together:
         raise SceneError("-o OUT.exr: holds one picture; --together makes one of several objects")
-    if options.output.suffix.lower() == ".exr" and (options.sheet or options.colour_only):
-        raise SceneError("-o OUT.exr: holds radiances, neither a --sheet nor --colour-only")
-    if options.output.suffix.lower() == ".exr" and options.glare:
-        raise SceneError("--glare: is of pictures for a screen; -o OUT.exr holds radiances")
+    if options.output.suffix.lower() == ".exr" and (options.sheet or options.colour_only or options.glare):
+        raise SceneError("-o OUT.exr: holds radiances, neither a --sheet nor --colour-only nor --glare")
     from vrte.pictures.figures import save
     from vrte.render import picture
     from vrte.render.rendering import compute_pictures
