@@ -90,15 +90,18 @@ demo: $(VENV)/demo.stamp
 	$(BIN)/vrte brdf examples/gold_powder.toml -o out/gold_powder.nc --csv out/gold_powder.csv --plot out/gold_powder.png
 
 # The paper's figure 10 and more, as objects; docs/images has copies.
-POWDERS = gold gold_coarse copper hematite rutile alumina mixture_on_black mixture_on_white
+COLOURED = gold gold_coarse copper hematite
+WHITE = rutile alumina mixture_on_black mixture_on_white
 METALLIC = silver_metallic gold_pearl colour_shifter
 GALLERY = vrte/app/gallery
+SHEET = --sheet --glare --size 220 --samples 64 -o out/gallery
 gallery: $(VENV)/gallery.stamp
 	@mkdir -p out/gallery
 	$(BIN)/vrte render examples/still_life/*.toml --together --size 330 --samples 128 -o out/gallery/hero.png
-	$(BIN)/vrte render $(POWDERS:%=$(GALLERY)/%.toml) --object vase --sheet --size 220 -o out/gallery/gallery_powders.png
+	$(BIN)/vrte render $(COLOURED:%=$(GALLERY)/%.toml) --object vase $(SHEET)/gallery_powders.png
+	$(BIN)/vrte render $(WHITE:%=$(GALLERY)/%.toml) --object vase $(SHEET)/gallery_white_powders.png
 	$(BIN)/vrte render $(GALLERY)/paint_bare.toml $(GALLERY)/paint_smooth.toml examples/satin_paint.toml \
-		$(GALLERY)/powder_dry.toml $(GALLERY)/powder_wet.toml --object knot --sheet --size 220 -o out/gallery/gallery_surfaces.png
+		$(GALLERY)/powder_dry.toml $(GALLERY)/powder_wet.toml --object knot $(SHEET)/gallery_surfaces.png
 	$(BIN)/vrte render $(METALLIC:%=vrte/paints/%.toml) --object vase --sheet --size 220 -o out/gallery/gallery_flakes.png
 	$(BIN)/python -m docs.scripts.flake_lobes -o out/gallery
 	$(BIN)/vrte render examples/black_lacquer.toml examples/white_gloss.toml --size 240 -o out/gallery/gallery_brewster.png
