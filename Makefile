@@ -97,7 +97,7 @@ GALLERY = vrte/app/gallery
 SHEET = --sheet --glare --size 220 --samples 64 -o out/gallery
 gallery: $(VENV)/gallery.stamp
 	@mkdir -p out/gallery
-	$(BIN)/vrte render examples/still_life/*.toml --together --size 330 --samples 128 -o out/gallery/hero.png
+	$(BIN)/vrte render examples/still_life/*.toml --together --glare --size 330 --samples 96 -o out/gallery/hero.png
 	$(BIN)/vrte render $(COLOURED:%=$(GALLERY)/%.toml) --object vase $(SHEET)/gallery_powders.png
 	$(BIN)/vrte render $(WHITE:%=$(GALLERY)/%.toml) --object vase $(SHEET)/gallery_white_powders.png
 	$(BIN)/vrte render $(GALLERY)/paint_bare.toml $(GALLERY)/paint_smooth.toml examples/satin_paint.toml \
