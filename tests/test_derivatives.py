@@ -2,6 +2,7 @@
 arithmetic. Sixty scenes in ball arithmetic: tests/test_oracle.py."""
 
 import time
+from dataclasses import fields
 from typing import Any
 
 import flint
@@ -15,7 +16,10 @@ from vrte.discrete_ordinates.derivatives import adjoint, semi_infinite
 from vrte.discrete_ordinates.derivatives import differentiate as differentiating
 from vrte.discrete_ordinates.derivatives.differentiate import differentiate_plan, find_gap
 from vrte.discrete_ordinates.derivatives.functions import Decay
-from vrte.discrete_ordinates.derivatives.slab import step_aside
+from vrte.discrete_ordinates.derivatives.real_slab import RealSlab
+from vrte.discrete_ordinates.derivatives.slab import Faces, SlabModes, step_aside
+from vrte.discrete_ordinates.orders.homogeneous import Modes
+from vrte.discrete_ordinates.orders.phase_assembly import Assembled
 from vrte.discrete_ordinates.planning.plan import plan_request
 from vrte.methods import choose_method, make_run
 from vrte.request.request import make_brdf_request
@@ -330,6 +334,65 @@ def test_a_direction_on_a_mode_is_stepped_around() -> None:
     smooth = (np.exp(-aside.rate) * aside.share)[None, :, None]  # what is interpolated is as smooth as this
     assert np.abs(aside.gather(smooth, 4)[0, :, 0] - np.exp([-2.0, -2.0, -1.0 / 0.6, -1.0 / 0.6])).max() < 1e-12
     assert (np.abs(lam[:, None] - aside.rate**2) > 1e-2).all()
+
+
+# by scene: layers, base, nodes, cosines; 0.9916... is that of a mode
+SLABS: dict[str, tuple[list[vrte.Layer], vrte.Lambertian | None, tuple[float, ...]]] = {
+    "two layers": ([HAZE, vrte.Layer(SPHERES, 0.95, 4.0)], GREY, (0.2, 0.7)),
+    "an interface": ([GLASS, HAZE, vrte.Layer(PEAKED, 1.0, 4.0)], GREY, (0.2, 0.7)),
+    "semi-infinite": ([HAZE, vrte.Layer(SPHERES, 0.9, np.inf)], None, (0.2, 0.7)),
+    "absorbing": ([vrte.Layer(RAYLEIGH, 0.2, 20.0)], None, (0.2, 0.7)),
+    "absorbing, a cosine on a mode": ([vrte.Layer(RAYLEIGH, 0.2, 20.0)], None, (0.6, 0.9916877394597053)),
+}
+
+
+@pytest.mark.parametrize("title", SLABS)
+def test_compiled_slabs_do_what_slabs_in_numpy_do(title: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of each slab what it makes of light, what random changes of its matrices make of it, and the transpose."""
+    layers, base, mu = SLABS[title]
+    random, compared, list_terms = np.random.default_rng(3), list[int](), RealSlab.list_terms
+
+    def agree(one: np.ndarray, other: np.ndarray) -> bool:
+        return bool(np.abs(one - other).max() <= 1e-10 * max(np.abs(other).max(), 1e-300))
+
+    def compare(slab: RealSlab, light: Faces, weights: Faces) -> dict[str, np.ndarray]:
+        terms, known, lit = list_terms(slab, light, weights), slab.known, light.above.shape[2]
+        matrices = Assembled(**{name: known[name] for name in vars_of(Assembled)})
+        modes = Modes(**{name: known[name] for name in vars_of(Modes)})
+        changed = {name: random.standard_normal(part[:, :1].shape) for name, part in vars(matrices).items()}
+        weighed = random.standard_normal((len(light.above), weights.above.shape[2], lit))
+        found = slab.change(terms, Assembled(**changed))
+        pulled = slab.pull(terms, weighed)
+        for m in range(len(light.above)):
+            at = slice(m, m + 1)
+            own = [
+                Kind(**{name: part[at] for name, part in vars(one).items()})
+                for Kind, one in ((Assembled, matrices), (Modes, modes))
+            ]
+            other = SlabModes(slab.one, *own, known["layer"], 2.0 * known["half"])
+            faces = [Faces(one.above[at], one.below[at], one.falling, one.rising) for one in (light, weights)]
+            parts = other.list_terms(*faces)
+            if other.is_dim != (slab.parts == 6):
+                continue  # the slowest mode of all orders says which formula is taken
+            change = Assembled(**{name: part[at] for name, part in changed.items()})
+            assert all(agree(one[at], two) for one, two in zip(slab.respond(), other.respond(), strict=True)), m
+            assert agree(found[at], other.change(parts, change)), m
+            assert all(agree(one[at], two) for one, two in zip(pulled, other.pull(parts, weighed[at]), strict=True)), m
+            compared.append(slab.parts)
+        return terms
+
+    monkeypatch.setattr(RealSlab, "list_terms", compare)
+    scene = vrte.Scene(layers, base)
+    name = f"layer[{len(layers)}].albedo" if layers[-1].albedo < 1.0 else "layer[2].albedo"
+    vrte.brdf(
+        scene, mu, mu, PHI, nodes=8, derivatives=[name], threads=1, transmission=not np.isinf(layers[-1].thickness)
+    )
+    assert set(compared) == {1 if "semi" in title else 6 if "absorbing" in title else 2}
+
+
+def vars_of(kind: type) -> list[str]:
+    """The fields of a dataclass."""
+    return [field.name for field in fields(kind)]
 
 
 def test_what_has_no_derivative_by_the_algebra() -> None:

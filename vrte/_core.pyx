@@ -60,6 +60,7 @@ include "core/stack.pxi"
 include "core/invariance.pxi"
 include "core/invariance_change.pxi"
 include "core/derivatives.pxi"
+include "core/slab_change.pxi"
 include "core/moment_gmres.pxi"
 
 # The end of a solve: all orders added up, and what is scattered once.

@@ -13,14 +13,15 @@ ROOT, OWN = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
 BYTES = 8
 CHUNK_BYTES = 48e6  # meant for the matrices of the orders done at once
 PIECE_BYTES = 16e6  # of the result at a time: it stays in the cache, and a progress bar moves
+DERIVATIVE_BYTES = 9e6  # the same for derivatives: more are fresh pages from the system, 3 us each on the test machine
 TILE_DOUBLES = 32768  # of a thread at the end, more where one direction's azimuths take more
 ALWAYS_THERE = 32e6  # less than what the interpreter has taken already
 LARGEST_SHARE = 0.9  # of what is available
 
 
-def count_orders_at_once(per_order: float, threads: int) -> int:
-    """Orders whose matrices fit the memory meant for them, at least one a thread."""
-    return max(threads, int(CHUNK_BYTES / (BYTES * per_order)))
+def count_orders_at_once(per_order: float, threads: int, memory: float = CHUNK_BYTES) -> int:
+    """Orders whose matrices, so many doubles each, fit the memory meant for them [bytes], at least one a thread."""
+    return max(threads, int(memory / (BYTES * per_order)))
 
 
 def find_available_bytes() -> float:

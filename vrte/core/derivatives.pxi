@@ -7,53 +7,77 @@ cdef double THIN = 0.5      # h^2 a below which f[a, b] is summed as a series
 cdef double CLOSE = 0.1     # points closer than this fraction of the larger one
 
 
+cdef struct Point:
+    # an argument of f: x, its root, tanh(h root), f(x)
+    double x, root, tangent, f
+
+
+cdef struct Differences:
+    double f, g, c
+
+
 cdef int divided_differences_one(Arrays* t, int item, Workspace desk) noexcept nogil:
     cdef int i, j, rows = t.n_row, columns = t.n_column
     cdef given a = t.row_points, b = t.column_points
     cdef size_t at = 0
-    cdef double h = t.half, p, q, tp, tq, x, y, value, larger, low
-    cdef doubles row_tanh = t.row_tanh, row_root = t.row_root, tanhs = t.tanhs, roots = t.roots
+    cdef double h = t.half
+    cdef Differences d
     cdef doubles series = t.series_of_tanh
-    cdef bint ends = h < SEMI_INFINITE
+    cdef Point* points = <Point*>t.points_of_tanh
+    tanh_series(series)
     for i in range(rows):
-        row_root[i] = sqrt(a[i])
-        row_tanh[i] = tanh(h * row_root[i]) if ends else 1.0
+        points[i] = point_of(h, a[i])
     for j in range(columns):
-        roots[j] = sqrt(b[j])
-        tanhs[j] = tanh(h * roots[j]) if ends else 1.0
-    series[0] = 1.0                             # tan' = 1 + tan^2 with signs that alternate
+        points[rows + j] = point_of(h, b[j])
+    for i in range(rows):
+        for j in range(columns):
+            d = differences(h, series, &points[i], &points[rows + j], t.with_c)
+            t.f[at], t.g[at] = d.f, d.g
+            if t.with_c:
+                t.c_between[at] = d.c
+            at += 1
+    return 0
+
+
+cdef void tanh_series(doubles series) noexcept nogil:
+    """Coefficients of tanh(sqrt y)/sqrt y, from tan' = 1 + tan^2 with signs that alternate."""
+    cdef int i, j
+    cdef double value
+    series[0] = 1.0
     for i in range(1, FLAT):
         value = 0.0
         for j in range(i):
             value += series[j] * series[i - 1 - j]
         series[i] = -value / (2 * i + 1)
-    for i in range(rows):
-        p, tp, x = row_root[i], row_tanh[i], a[i]
-        for j in range(columns):
-            q, tq, y = roots[j], tanhs[j], b[j]
-            larger = max(x, y)
-            if not ends:
-                # semi-infinite, not absorbing: g[0, 0] is infinite, and what it is multiplied with zero
-                value = -1.0 / (p * q * (p + q)) if p > 0.0 and q > 0.0 else 0.0
-                t.f[at] = value
-                t.g[at] = 1.0 / (p + q) if larger > 0.0 else 0.0
-                at += 1
-                continue
-            if h * h * larger < THIN:
-                value = h * h * h * series_difference(series, h * h * x, h * h * y)
-            elif fabs(x - y) < CLOSE * larger:
-                value = (q * (1.0 - tp * tq) * tanh_over(h, p - q) - tq) / (p * q * (p + q))
-            else:
-                value = ((tp / p if p > 0.0 else h) - (tq / q if q > 0.0 else h)) / (x - y)
-            t.f[at] = value
-            # from the larger point, where the two terms do not cancel
-            t.g[at] = tq / q + x * value if x < y else (tp / p if p > 0.0 else h) + y * value
-            if t.with_c:
-                low = exp(-2.0 * h * min(p, q))
-                value = decay_over(h * fabs(p - q)) * decay_over(h * (p + q))
-                t.c_between[at] = -square(h * (1.0 + tp) * (1.0 + tq)) * low * value
-            at += 1
-    return 0
+
+
+cdef inline Point point_of(double h, double square_of_rate) noexcept nogil:
+    cdef double root = sqrt(square_of_rate), tangent = tanh(h * root) if h < SEMI_INFINITE else 1.0
+    return Point(square_of_rate, root, tangent, tangent / root if root > 0.0 else h)
+
+
+cdef inline Differences differences(double h, given series, const Point* a, const Point* b, bint with_c) noexcept nogil:
+    """Between two points."""
+    cdef double x = a.x, y = b.x, p = a.root, q = b.root, tp = a.tangent, tq = b.tangent, f, larger = max(x, y), low
+    cdef Differences d = Differences(0.0, 0.0, 0.0)
+    if h >= SEMI_INFINITE:
+        # not absorbing: g[0, 0] is infinite, and what it is multiplied with zero
+        d.f = -1.0 / (p * q * (p + q)) if p > 0.0 and q > 0.0 else 0.0
+        d.g = 1.0 / (p + q) if larger > 0.0 else 0.0
+        return d
+    if h * h * larger < THIN:
+        f = h * h * h * series_difference(series, h * h * x, h * h * y)
+    elif fabs(x - y) < CLOSE * larger:
+        f = (q * (1.0 - tp * tq) * tanh_over(h, p - q) - tq) / (p * q * (p + q))
+    else:
+        f = (a.f - b.f) / (x - y)
+    d.f = f
+    # from the larger point, where the two terms do not cancel
+    d.g = b.f + x * f if x < y else a.f + y * f
+    if with_c:
+        low = exp(-2.0 * h * min(p, q))
+        d.c = -square(h * (1.0 + tp) * (1.0 + tq)) * low * (decay_over(h * fabs(p - q)) * decay_over(h * (p + q)))
+    return d
 
 
 cdef inline double square(double x) noexcept nogil:
@@ -77,6 +101,8 @@ cdef double series_difference(given series, double x, double y) noexcept nogil:
     cdef double total = 0.0, power = 1.0, term = 1.0
     for k in range(1, FLAT):
         total += series[k] * term
+        if fabs(series[k] * term) < 1e-18 * fabs(total):
+            break
         power *= x
         term = y * term + power
     return total

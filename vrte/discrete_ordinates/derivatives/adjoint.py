@@ -12,7 +12,7 @@ import numpy as np
 from vrte import _core
 from vrte.basics.arrays import Array, IntArray, record
 from vrte.basics.errors import SceneError
-from vrte.basics.memory import BYTES, PIECE_BYTES
+from vrte.basics.memory import BYTES, DERIVATIVE_BYTES
 from vrte.basics.polarization import FLIP
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.derivatives.differentiate import (
@@ -23,7 +23,6 @@ from vrte.discrete_ordinates.derivatives.differentiate import (
     shorten_plan,
 )
 from vrte.discrete_ordinates.derivatives.semi_infinite import pull_semi_infinite
-from vrte.discrete_ordinates.derivatives.slab import Blocks
 from vrte.discrete_ordinates.derivatives.slab_stack import Fields
 from vrte.discrete_ordinates.execution.carry_out import make_target
 from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR
@@ -267,10 +266,8 @@ def pull_orders(fields: Fields, weights: Array, multiple: list[Array], run: Run)
         if route.media.scene.layers[piece.layer].albedo == 0.0 and not route.problem.coefficients[piece.layer].any():
             continue
         one, table = route.each[piece.medium].problem, multiple[piece.layer]
-        r, o = len(one.stokes) * one.mu0.size, one.rows_out
         for some, modes, terms in fields.modes_of(piece):
-            pulled = modes.pull(terms, given[some], r, o)
-            E, F = (join_blocks(each, r, o) for each in pulled)
+            E, F = modes.pull(terms, given[some])
             with run.timed("derivatives") as crew:
                 found = _core.pull_scattering(
                     crew,
@@ -285,15 +282,6 @@ def pull_orders(fields: Fields, weights: Array, multiple: list[Array], run: Run)
                 )
             table += found.sum(axis=0)
     return np.array([(fields.change(change, k, {}) * given).sum() for k, change in enumerate(route.changes)])
-
-
-def join_blocks(blocks: Blocks, r: int, o: int) -> Array:
-    """Derivatives with a matrix from nodes and beams to nodes and directions, by columns, (order, n + r, n + o)."""
-    n = blocks.N.shape[-1]
-    found = np.zeros((len(blocks.N), n + r, n + o))
-    found[:, :n, :n], found[:, n:, :n] = blocks.N.swapaxes(1, 2), blocks.NI.swapaxes(1, 2)
-    found[:, :n, n:] = blocks.ON.swapaxes(1, 2)
-    return found
 
 
 def pull_once(beam_paths: BeamPaths, phi: Array, weights: Array, single: list[Array]) -> None:
@@ -328,7 +316,7 @@ def pull_matrix(mu_in: Array, mu_out: Array, phi: Array, weights: Array, upward:
     cosine = np.clip(across + (-straight if upward else straight), -1.0, 1.0).ravel()
     w = geometry.turn_back(weights).reshape(-1, 4, 4)
     found = np.zeros((terms, 6))
-    step = max(1, int(PIECE_BYTES / (6 * BYTES * terms)))
+    step = max(1, int(DERIVATIVE_BYTES / 16 / (6 * BYTES * terms)))
     for first in range(0, cosine.size, step):
         some = slice(first, first + step)
         f, x = w[some].transpose(1, 2, 0), cosine[some]

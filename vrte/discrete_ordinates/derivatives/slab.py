@@ -23,12 +23,15 @@ All arrays have Fourier orders in front; where modes oscillate, they are complex
 
 from copy import copy
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from vrte.basics.arrays import Array, IntArray, record, replace_unchecked
 from vrte.discrete_ordinates.derivatives.functions import Decay
+from vrte.discrete_ordinates.orders.homogeneous import Modes
+from vrte.discrete_ordinates.orders.phase_assembly import Assembled
+from vrte.discrete_ordinates.orders.problem import Problem
 
 APART = 7e-4  # relative distance of an eigenvalue to a direction's rate below which interpolation replaces it
 STEPS = (2.5e-3, 3.5e-3, 5e-3, 7e-3)  # relative steps of the rate for that interpolation, tried in turn
@@ -46,11 +49,6 @@ class Blocks:
     N: Array
     NI: Array
     ON: Array
-
-    def add(self, other: "Blocks") -> "Blocks":
-        """This and another, which has only the first orders."""
-        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
-        return Blocks(*(np.concatenate([one[: len(more)] + more, one[len(more) :]]) for one, more in pairs))
 
 
 @record
@@ -137,21 +135,54 @@ def group_by_gaps(lam: Array, mu: Array) -> list[IntArray]:
     return groups + [np.array([order]) for order in np.flatnonzero(near)]
 
 
+def take_blocks(one: Problem, matrices: Assembled, layer: int = 0) -> tuple[Blocks, Blocks]:
+    """E and F of a layer on nodes and directions off them, as core/extended.pxi has them."""
+    rows = np.repeat(one.mu_out, len(one.stokes))[:, None]
+    E, F = (
+        Blocks(part[:, layer].swapaxes(1, 2), -source[:, layer].swapaxes(1, 2), -G[:, layer].swapaxes(1, 2) / rows)
+        for part, source, G in (
+            (matrices.E, matrices.source_d, matrices.G_E),
+            (matrices.F, matrices.source_s, matrices.G_F),
+        )
+    )
+    return E, F
+
+
+def take_modes(modes: Modes, layer: int) -> tuple[Array, Array, Array, Array, Array]:
+    """lambda (order, n), X, Y and their inverses (order, n, n), complex where modes oscillate."""
+    lam, oscillation = modes.lam_re[:, layer], modes.lam_im[:, layer]
+    X: Any
+    Y: Any
+    X, Y = modes.X[:, layer].swapaxes(1, 2), modes.Y[:, layer].swapaxes(1, 2)
+    if (modes.X_pivots[:, layer, 0] < 0).all():
+        return lam, X, Y, Y.swapaxes(1, 2), X.swapaxes(1, 2)
+    if oscillation.any():
+        X, Y = X.astype(complex), Y.astype(complex)
+        for order, mode in np.argwhere(oscillation > 0.0):  # a pair's columns: the real and the imaginary part
+            for part in (X, Y):
+                part[order, :, mode] += 1j * part[order, :, mode + 1]
+                part[order, :, mode + 1] = part[order, :, mode].conj()
+        lam = lam + 1j * oscillation
+    return lam, X, Y, np.linalg.inv(X), np.linalg.inv(Y)
+
+
+def join_blocks(blocks: Blocks, r: int, o: int) -> Array:
+    """Derivatives with a matrix from nodes and beams to nodes and directions, by columns, (order, n + r, n + o)."""
+    n = blocks.N.shape[-1]
+    found = np.zeros((len(blocks.N), n + r, n + o))
+    found[:, :n, :n], found[:, n:, :n] = blocks.N.swapaxes(1, 2), blocks.NI.swapaxes(1, 2)
+    found[:, :n, n:] = blocks.ON.swapaxes(1, 2)
+    return found
+
+
 class SlabModes:
     """Some orders of a slab by their modes, lam (order, n), X, Y and their inverses (order, n, n): what all derivatives
     share."""
 
-    def __init__(
-        self,
-        E: Blocks,
-        F: Blocks,
-        modes: tuple[Array, Array, Array, Array, Array],
-        mu_in: Array,
-        mu_out: Array,
-        thickness: float,
-    ) -> None:
-        lam, X, Y, self.X_inverse, self.Y_inverse = self.lam, self.X, self.Y, *_ = modes
-        self.stokes, self.mu_in, self.mu_out = E.NI.shape[-1] // mu_in.size, mu_in, mu_out
+    def __init__(self, one: Problem, matrices: Assembled, modes: Modes, material: int, thickness: float) -> None:
+        """Of a problem's directions, made of one of its layers."""
+        lam, X, Y, self.X_inverse, self.Y_inverse = self.lam, self.X, self.Y, *_ = take_modes(modes, material)
+        self.one, self.material, self.stokes = one, material, len(one.stokes)
         self.decaying = decaying = Decay(0.5 * thickness)
         self.f, self.g = decaying.find_f(lam)[..., None], decaying.find_g(lam)[..., None]
         systems = [X + Y * self.g.swapaxes(1, 2)]
@@ -162,18 +193,20 @@ class SlabModes:
         self.residual = np.max(missing, axis=(0, 2, 3))
         slowest = float(np.sqrt(lam).real.min())
         self.is_dim = self.odd is not None and slowest * thickness > DIM
-        self.point(E, F, *(step_aside(mu, lam[0], self.stokes, thickness) for mu in (mu_in, mu_out)))
+        self.point(matrices, *(step_aside(mu, lam[0], self.stokes, thickness) for mu in (one.mu0, one.mu_out)))
 
-    def turn(self, E: Blocks, F: Blocks, mu_in: Array, mu_out: Array) -> "SlabModes":
-        """The same slab with other directions, each near one of its own."""
+    def turn(self, beside: Problem, matrices: Assembled) -> "SlabModes":
+        """The same slab with the directions of another problem, each near one of its own."""
         found = copy(self)
-        pairs = (self.into, self.mu_in / mu_in), (self.out, self.mu_out / mu_out)
-        found.point(E, F, *(own.turn(np.repeat(ratio, self.stokes)) for own, ratio in pairs))
+        found.one = beside
+        pairs = (self.into, self.one.mu0 / beside.mu0), (self.out, self.one.mu_out / beside.mu_out)
+        found.point(matrices, *(own.turn(np.repeat(ratio, self.stokes)) for own, ratio in pairs))
         return found
 
-    def point(self, E: Blocks, F: Blocks, into: Aside, out: Aside) -> None:
+    def point(self, matrices: Assembled, into: Aside, out: Aside) -> None:
         """Puts directions beside the modes: eigenvectors that lead in (columns) and out (rows), with what F makes of
         them."""
+        E, F = take_blocks(self.one, matrices, self.material)
         lam, X, Y, self.into, self.out, self.along = self.lam, self.X, self.Y, into, out, (E.ON, F.ON)
         rate, rate_out = into.rate, out.rate[:, None]
         f_in, e_in = (self.X_inverse @ F.NI)[..., into.of], (self.Y_inverse @ E.NI)[..., into.of]
@@ -229,6 +262,10 @@ class SlabModes:
         found = self.odd.swapaxes(1, 2) @ rest
         return found, self.put_below(self.X.swapaxes(1, 2) @ found + x, own)
 
+    def respond(self) -> tuple[Array, Array, Array, Array]:
+        """R and T on the nodes and along directions, as `Response` has them of a slab."""
+        return self.respond_on_nodes(), *self.respond_along_directions()
+
     def respond_on_nodes(self) -> Array:
         """R and T on the nodes, (order, 2, n, n)."""
         one = np.eye(self.lam.shape[1])
@@ -239,8 +276,8 @@ class SlabModes:
     def respond_along_directions(self) -> tuple[Array, Array, Array]:
         """R and T from beams to the nodes, (order, 2, n, r), from the nodes along sights, (order, 2, o, n), and from
         beams along sights, (order, 2, o, r): that is linear in the rows of E and F that lead out, as a change is."""
-        lit = self.into.deal(np.eye(self.stokes * self.mu_in.size))
-        seen = self.out.deal(np.eye(self.stokes * self.mu_out.size))
+        lit = self.into.deal(np.eye(self.one.n_rhs))
+        seen = self.out.deal(np.eye(self.one.rows_out))
         own = seen / (1.0 + self.t_out)
         out, into = (np.tile(aside.rate**2, (len(self.lam), 1)) for aside in (self.out, self.into))
         columns = np.concatenate([self.lam, into], axis=1)
@@ -350,54 +387,23 @@ class SlabModes:
             found.append(Blocks(*(part.real for part in parts)))
         return found[0], found[1]
 
-    def change(self, terms: list[Term], dE: Blocks, dF: Blocks) -> Array:
-        """What weighs the light that a change of the first orders sends out, (order, r_weights, r)."""
+    def change(self, terms: list[Term], matrices: Assembled) -> Array:
+        """What weighs the light that a change of the first orders sends out, (order, r_weights, r); matrices of one
+        layer, whose E and F are the change."""
+        dE, dF = take_blocks(self.one, matrices)
         count = len(dE.N)
         e, p = self.expand(dE, dF)
         between = {name: one[:count] * e + other[:count] * p for name, (one, other) in self.tables.items()}
         parts = [term.left[:count].swapaxes(1, 2) @ (between[term.name] @ term.right[:count]) for term in terms]
         return np.asarray(sum(parts)).real
 
-    def pull(self, terms: list[Term], weights: Array, r: int, o: int) -> tuple[Blocks, Blocks]:
-        """Derivatives with E and F of all that `change` finds, weighed by (order, r_weights, r)."""
+    def pull(self, terms: list[Term], weights: Array) -> tuple[Array, Array]:
+        """Derivatives with E and F of all that `change` finds, weighed by (order, r_weights, r): each by columns from
+        nodes and beams to nodes and directions, (order, n + r, n + o)."""
+        r, o = self.one.n_rhs, self.one.rows_out
         e, p = np.zeros(()), np.zeros(())
         for name, (one, other) in self.tables.items():
             own = [term.left @ (weights @ term.right.swapaxes(1, 2)) for term in terms if term.name == name]
             e, p = e + one * sum(own), p + other * sum(own)
-        return self.pull_expanded(e, p, r, o)
-
-
-def find_depth_change(
-    E: Blocks,
-    F: Blocks,
-    R: Blocks,
-    T: Blocks,
-    passing: Array,
-    light: Faces,
-    weights: Faces,
-    mu_in: Array,
-    mu_out: Array,
-    thickness: float,
-) -> Array:
-    """What weighs the light that a thicker slab sends out, per unit of optical thickness, (order, r_weights, r): a thin
-    sheet more at the face that light leaves, b = (F - E)/2 and c = (F + E)/2, makes dR = T b T and dT = -(c - R b) T.
-    passing (order, o, r): T from beams to directions; mu_in (r,), mu_out (o,)."""
-    b, c = (
-        Blocks(*(0.5 * (x + sign * y) for x, y in zip(vars(F).values(), vars(E).values(), strict=True)))
-        for sign in (-1.0, 1.0)
-    )
-    decay_in, decay_out = np.exp(-thickness / mu_in)[:, None], np.exp(-thickness / mu_out)[:, None]
-    found = np.zeros(())
-    lights = (light.above, light.falling), (light.below, light.rising)
-    seen = (weights.above, weights.falling), (weights.below, weights.rising)
-    for (nodes, beams), (same, along), (other, beyond) in zip(lights, seen, seen[::-1], strict=True):
-        through, own = T.N @ nodes + T.NI @ beams, decay_in * beams
-        turned, kept = b.N @ through + b.NI @ own, c.N @ through + c.NI @ own
-        leaving = T.ON @ nodes + passing @ beams
-        met = T.N.swapaxes(1, 2) @ same + T.ON.swapaxes(1, 2) @ along
-        met = met + R.N.swapaxes(1, 2) @ other + R.ON.swapaxes(1, 2) @ beyond
-        found = found + met.swapaxes(1, 2) @ turned - other.swapaxes(1, 2) @ kept
-        found = (
-            found + (along * decay_out).T @ (b.ON @ through) - beyond.T @ (c.ON @ through + leaving / mu_out[:, None])
-        )
-    return found
+        E, F = self.pull_expanded(e, p, r, o)
+        return join_blocks(E, r, o), join_blocks(F, r, o)

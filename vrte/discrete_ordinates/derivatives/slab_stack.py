@@ -3,21 +3,22 @@ fields of the transposed stack, and tell what the light counts for that a change
 
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any, TypeVar
 
 import numpy as np
 
+from vrte import _core
 from vrte.basics.arrays import Array, IntArray, record, replace_unchecked
 from vrte.basics.errors import AccuracyError
-from vrte.basics.memory import count_orders_at_once
+from vrte.basics.memory import DERIVATIVE_BYTES, count_orders_at_once
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.derivatives.changes import Change, move_problem
+from vrte.discrete_ordinates.derivatives.real_slab import RESPONSE, RealSlab, lay_faces
 from vrte.discrete_ordinates.derivatives.slab import (
     DIM,
     Blocks,
     Faces,
     SlabModes,
-    Term,
-    find_depth_change,
     group_by_gaps,
 )
 from vrte.discrete_ordinates.orders.base import Base
@@ -31,6 +32,7 @@ from vrte.discrete_ordinates.orders.slab_response import Response, respond_by_do
 from vrte.scene.boundary import BLACK, Boundary
 
 Moved = list[tuple[float, Refracting]]
+Matrices = TypeVar("Matrices", Assembled, Modes)
 REVERSED = {RISING: ENTERING, ENTERING: RISING, ARRIVING: LEAVING, LEAVING: ARRIVING}
 FACETS = 1e-8  # accuracy of integrals over facets whose differences are derivatives
 ALLOWED = 1e-9  # largest residual of modes and of what slabs do for which derivatives by modes are used
@@ -138,7 +140,9 @@ class Differentiating(Refracting):
     def chunk(self, threads: int) -> int:
         """Orders to be done at once."""
         n = self.problem.size + max(self.problem.n_rhs, self.problem.rows_out, self.weighing.shape[-1])
-        return count_orders_at_once((16.0 * sum(one.material.size for one in self.each) + 12.0) * n * n, threads)
+        return count_orders_at_once(
+            (16.0 * sum(one.material.size for one in self.each) + 12.0) * n * n, threads, DERIVATIVE_BYTES
+        )
 
     def differentiate(self, orders: IntArray, run: Run) -> ChangedOrders:
         """Derivatives of the given orders."""
@@ -166,7 +170,7 @@ class Differentiating(Refracting):
             flux[...] = both[:, int(np.argmax(orders == 0)), seen:].reshape(flux.shape)
         return ChangedOrders(kernels.transpose(0, 1, 2, 5, 6, 3, 4), flux, fields.residual)
 
-    def assemble_change(self, change: Change, orders: IntArray, run: Run) -> dict[int, tuple[Blocks, Blocks]]:
+    def assemble_change(self, change: Change, orders: IntArray, run: Run) -> dict[int, Assembled]:
         """By layer what the phase matrix's change makes of E and F, of the orders up to its last coefficient."""
         found = {}
         for k, layer in enumerate(change.layers):
@@ -190,7 +194,7 @@ class Differentiating(Refracting):
                 balance_flux(own, matrices, int(np.argmax(some == 0)))
             for part in (matrices.E, matrices.F):
                 part -= rates
-            found[k] = take_blocks(own, matrices, slice(None), 0)
+            found[k] = matrices
         return found
 
 
@@ -208,35 +212,10 @@ def lay_out(beams: Array) -> Array:
     return found.reshape(n_in * stokes, n_in * columns)
 
 
-def take_blocks(one: Problem, matrices: Assembled, some: IntArray | slice, layer: int) -> tuple[Blocks, Blocks]:
-    """E and F of some orders on nodes and directions off them, as core/extended.pxi has them."""
-    rows = np.repeat(one.mu_out, len(one.stokes))[:, None]
-    E, F = (
-        Blocks(
-            part[some, layer].swapaxes(1, 2), -source[some, layer].swapaxes(1, 2), -G[some, layer].swapaxes(1, 2) / rows
-        )
-        for part, source, G in (
-            (matrices.E, matrices.source_d, matrices.G_E),
-            (matrices.F, matrices.source_s, matrices.G_F),
-        )
-    )
-    return E, F
-
-
-def take_modes(modes: Modes, some: IntArray, layer: int) -> tuple[Array, Array, Array, Array, Array]:
-    """lambda (order, n), X, Y and their inverses (order, n, n) of some orders, complex where modes oscillate."""
-    lam, oscillation = modes.lam_re[some, layer], modes.lam_im[some, layer]
-    X, Y = modes.X[some, layer].swapaxes(1, 2), modes.Y[some, layer].swapaxes(1, 2)
-    if (modes.X_pivots[some, layer, 0] < 0).all():
-        return lam, X, Y, Y.swapaxes(1, 2), X.swapaxes(1, 2)
-    if oscillation.any():
-        X, Y = X.astype(complex), Y.astype(complex)
-        for order, mode in np.argwhere(oscillation > 0.0):  # a pair's columns: the real and the imaginary part
-            for part in (X, Y):
-                part[order, :, mode] += 1j * part[order, :, mode + 1]
-                part[order, :, mode + 1] = part[order, :, mode].conj()
-        lam = lam + 1j * oscillation
-    return lam, X, Y, np.linalg.inv(X), np.linalg.inv(Y)
+def take_orders(of: Matrices, some: IntArray) -> Matrices:
+    """Matrices or modes in some orders, ascending."""
+    first = some.size == some[-1] + 1
+    return type(of)(*(part[: some.size] if first else part[some] for part in vars(of).values()))
 
 
 class Fields:
@@ -250,8 +229,9 @@ class Fields:
             find_modes(one.problem, orders, sheet, run, route.quick)
             for one, sheet in zip(route.each, self.sheets, strict=True)
         ]
-        self.known: dict[tuple[int, int], list[tuple[IntArray, SlabModes]]] = {}
-        self.slabs = [(one, self.respond(number, run)) for number, one in enumerate(route.each)]
+        self.run = run
+        self.known: dict[tuple[int, int], list[tuple[IntArray, RealSlab | SlabModes]]] = {}
+        self.slabs = [(one, self.respond(number)) for number, one in enumerate(route.each)]
         residuals = [modes.residual.max(axis=1) for modes in self.modes]
         residuals += [
             each.max(axis=0)
@@ -267,31 +247,29 @@ class Fields:
         route.join(orders, self.slabs, self.light, run)
         self.has_flux = route.problem.conserves and orders[0] == 0
         self.weights, self.extra = self.weigh_light(run)
-        self.terms: dict[int, list[tuple[IntArray, SlabModes, list[Term]]]] = {}
+        self.terms: dict[int, list[tuple[IntArray, RealSlab | SlabModes, Any]]] = {}
         self.sent: Array | None = None
 
-    def respond(self, number: int, run: Run, beside: Problem | None = None) -> Response:
+    def respond(self, number: int, beside: Problem | None = None) -> Response:
         """What the slabs of a medium do to all light, or along the directions of another problem near its own."""
-        medium, orders, sheets = self.route.each[number], self.orders, self.sheets[number]
+        medium, orders, sheets, run = self.route.each[number], self.orders, self.sheets[number], self.run
         one, count = beside or medium.problem, medium.thickness.size
         if beside is not None:
             sheets = assemble(one, orders, run)
         if is_dim(medium):
             return respond_by_doubling(one, medium.material, medium.thickness, orders, run, sheets)
         n, r, o = one.size, one.n_rhs, one.rows_out
-        shapes = (n, n), (n, r), (o, n), (o, r)
-        nodes, *along = (np.empty((count, orders.size, 2, *shape)) for shape in shapes)
+        shapes = (n, n), (r, n), (n, o), (r, o)  # as the core has them, columns first
+        parts = [np.empty((count, orders.size, 2, *shape)).swapaxes(-1, -2) for shape in shapes]
         residual = np.empty((count, orders.size))
         for slab in range(count):
             for some, modes in self.slab_modes(number, slab):
-                if beside is None:
-                    residual[slab, some], nodes[slab, some] = modes.residual, modes.respond_on_nodes()
-                else:
-                    blocks = take_blocks(one, sheets, some, int(medium.material[slab]))
-                    modes = modes.turn(*blocks, one.mu0, one.mu_out)
-                for all_, own in zip(along, modes.respond_along_directions(), strict=True):
-                    all_[slab, some] = own
-        return Response(nodes, along[0], along[1], along[2], {"residual_of_boundary": residual})
+                if beside is not None:
+                    modes = modes.turn(one, take_orders(sheets, some))
+                residual[slab, some] = modes.residual
+                for part, own in zip(parts, modes.respond(), strict=True):
+                    part[slab, some] = own
+        return Response(parts[0], parts[1], parts[2], parts[3], {"residual_of_boundary": residual})
 
     def weigh_light(self, run: Run) -> tuple[Array, int]:
         """What light that sets out on the nodes weighs, and how many fluxes follow what is seen."""
@@ -370,7 +348,7 @@ class Fields:
         )
         return R, T
 
-    def modes_of(self, piece: Piece) -> list[tuple[IntArray, SlabModes, list[Term]]]:
+    def modes_of(self, piece: Piece) -> list[tuple[IntArray, RealSlab | SlabModes, Any]]:
         """A piece by its slab's modes: places of orders, what these have, and the parts of a derivative, found once."""
         if piece.place not in self.terms:
             self.terms[piece.place] = [
@@ -379,18 +357,26 @@ class Fields:
             ]
         return self.terms[piece.place]
 
-    def slab_modes(self, number: int, slab: int) -> list[tuple[IntArray, SlabModes]]:
-        """A slab of a medium by its modes, found once: places of orders that go together, and what these have."""
+    def slab_modes(self, number: int, slab: int) -> list[tuple[IntArray, RealSlab | SlabModes]]:
+        """A slab of a medium by its modes, found once: places of orders that go together, and what these have. Orders
+        whose modes oscillate go alone where a direction is near a mode."""
         if (number, slab) not in self.known:
             medium, modes, sheets = self.route.each[number], self.modes[number], self.sheets[number]
             one, material = medium.problem, int(medium.material[slab])
-            lam = modes.lam_re[:, material] + 1j * modes.lam_im[:, material]
-            groups = group_by_gaps(lam if lam.imag.any() else lam.real, np.concatenate([one.mu0, one.mu_out]))
-            self.known[number, slab] = []
-            for some in groups:
-                given = *take_blocks(one, sheets, some, material), take_modes(modes, some, material)
-                own = SlabModes(*given, one.mu0, one.mu_out, float(medium.thickness[slab]))
-                self.known[number, slab].append((some, own))
+            thickness = float(medium.thickness[slab])
+            oscillation = modes.lam_im[:, material]
+            found: list[tuple[IntArray, RealSlab | SlabModes]] = []
+            real, others = (
+                np.flatnonzero(oscillation.any(axis=1) == oscillates).astype(np.int32) for oscillates in (False, True)
+            )
+            if real.size:
+                given = take_orders(sheets, real), take_orders(modes, real)
+                found.append((real, RealSlab(one, *given, material, thickness, self.run)))
+            lam = modes.lam_re[others, material] + 1j * oscillation[others]
+            for some in group_by_gaps(lam, np.concatenate([one.mu0, one.mu_out])) if others.size else []:
+                given = take_orders(sheets, others[some]), take_orders(modes, others[some])
+                found.append((others[some], SlabModes(one, *given, material, thickness)))
+            self.known[number, slab] = found
         return self.known[number, slab]
 
     def faces_of(self, piece: Piece, some: IntArray | slice = slice(None)) -> tuple[Faces, Faces]:
@@ -406,20 +392,17 @@ class Fields:
             sights = (np.pad(sights[0], ((0, 0), (0, self.extra))), np.pad(sights[1], ((0, 0), (0, self.extra))))
         return Faces(nodes[0], nodes[1], *piece.beams), Faces(nodes[2], nodes[3], sights[0], sights[1])
 
-    def change(
-        self, change: Change, number: int, turned: dict[int, tuple[Blocks, Blocks]], moved: Sequence[Slabs] = ()
-    ) -> Array:
+    def change(self, change: Change, number: int, turned: dict[int, Assembled], moved: Sequence[Slabs] = ()) -> Array:
         """The derivative of all that is seen, and of fluxes, (order, r_weights, r)."""
         route = self.route
         found = np.zeros((self.orders.size, self.weights.shape[3], self.light.shape[3]))
         for piece in route.pieces:
             if piece.layer in turned:
-                dE, dF = turned[piece.layer]
+                matrices = turned[piece.layer]
                 for some, modes, terms in self.modes_of(piece):
-                    count = np.count_nonzero(some < len(dE.N))
-                    own = [Blocks(*(part[some[:count]] for part in vars(each).values())) for each in (dE, dF)]
-                    if count:
-                        found[some[:count]] += modes.change(terms, own[0], own[1])
+                    own = some[some < len(matrices.E)]
+                    if own.size:
+                        found[own] += modes.change(terms, take_orders(matrices, own))
             deeper = float(change.pieces[piece.place])
             if deeper:
                 found += deeper * self.find_depth_change(piece)
@@ -442,16 +425,18 @@ class Fields:
 
     def find_depth_change(self, piece: Piece) -> Array:
         """The derivative with a piece's thickness of what it sends out itself."""
-        medium = self.route.each[piece.medium]
-        one, stokes = medium.problem, len(medium.problem.stokes)
-        E, F = take_blocks(one, self.sheets[piece.medium], slice(None), piece.material)
-        passing = self.slabs[piece.medium][1].passing[piece.slab, :, 1]
-        mu_in, mu_out = np.repeat(one.mu0, stokes), np.repeat(one.mu_out, stokes)
-        thickness = float(medium.thickness[piece.slab])
-        faces = self.faces_of(piece)
-        return find_depth_change(E, F, *self.blocks_of(piece), passing, *faces, mu_in, mu_out, thickness)
+        medium, response = self.route.each[piece.medium], self.slabs[piece.medium][1]
+        one = medium.problem
+        given = lay_faces(*self.faces_of(piece)) | vars(self.sheets[piece.medium])
+        for name in RESPONSE:
+            given[name] = np.ascontiguousarray(getattr(response, name)[piece.slab].swapaxes(-1, -2))
+        given |= {"mu0": one.mu0, "mu_out": one.mu_out, "stokes": len(one.stokes)}
+        given |= {"layer": piece.material, "half": 0.5 * float(medium.thickness[piece.slab])}
+        with self.run.timed("derivatives") as crew:
+            found: Array = _core.deepen_slab(crew, **given)
+        return found.swapaxes(1, 2)
 
-    def move_slabs(self, moved: Moved, turned: dict[int, tuple[Blocks, Blocks]], run: Run) -> Sequence[Slabs]:
+    def move_slabs(self, moved: Moved, turned: dict[int, Assembled], run: Run) -> Sequence[Slabs]:
         """What slabs do along the directions of stacks of other surfaces; what their nodes make of E and F is added to
         how layers change."""
         route = self.route
@@ -467,11 +452,16 @@ class Fields:
                     total[name] = total.get(name, 0.0) + weight * part
             materials = {piece.layer: piece.material for piece in route.pieces if piece.medium == number}
             for layer, material in materials.items():
-                known, more = turned.get(layer), take_blocks(one, Assembled(**total), slice(None), material)
-                turned[layer] = more if known is None else (more[0].add(known[0]), more[1].add(known[1]))
+                more = Assembled(
+                    **{name: np.ascontiguousarray(part[:, material : material + 1]) for name, part in total.items()}
+                )
+                if layer in turned:
+                    for name, part in vars(turned[layer]).items():
+                        getattr(more, name)[: len(part)] += part
+                turned[layer] = more
             for slabs, other in zip(found, others, strict=True):
                 beside = replace_unchecked(other.problem, nodes=one.nodes, weights=one.weights)
-                slabs.append((other, self.respond(number, run, beside)))
+                slabs.append((other, self.respond(number, beside)))
         return found
 
     def pass_through(self, stack: Refracting, slabs: Slabs) -> Array:
