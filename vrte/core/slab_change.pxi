@@ -533,15 +533,15 @@ cdef void pull_expanded(const Arrays* t, bint of_F, doubles of_change, doubles o
             out[<size_t>(n + t.of_in[k]) * t.n_to + i] += scale * own[<size_t>(n + k) * n + i]
 
 
-# What weighs the light that a thicker slab sends out: a thin sheet more at the face that light leaves, b = (F - E)/2 and
-# c = (F + E)/2, makes dR = T b T and dT = -(c - R b) T.
+# What weighs the light that a thicker slab sends out: a thin sheet more at the face that light leaves,
+# b = (F - E)/2 and c = (F + E)/2, makes dR = T b T and dT = -(c - R b) T.
 cdef int deepen_slab_one(Arrays* t, int item, Workspace desk) noexcept nogil:
     cdef int n = t.n, r = t.n_light, w = t.n_weigh, o = t.n_out_rows, beams = t.n_in_rows, side, i, j
     cdef size_t nn = <size_t>n * n, on = <size_t>o * n, nr = <size_t>n * r, own = t.layer * nn, out = t.layer * on, k
     cdef size_t lead = t.layer * <size_t>n * beams
-    cdef doubles through = t.spare, in_E = through + nr, in_F = in_E + nr, met = in_F + nr, decayed = met + <size_t>n * w
-    cdef doubles leaving = decayed + <size_t>beams * r, out_E = leaving + <size_t>o * r, out_F = out_E + <size_t>o * r
-    cdef doubles along_out = out_F + <size_t>o * r
+    cdef doubles through = t.spare, in_E = through + nr, in_F = in_E + nr, met = in_F + nr
+    cdef doubles decayed = met + <size_t>n * w, leaving = decayed + <size_t>beams * r
+    cdef doubles out_E = leaving + <size_t>o * r, out_F = out_E + <size_t>o * r, along_out = out_F + <size_t>o * r
     cdef given light, of_beams, same, other, along, beyond, R = t.nodes, T = t.nodes + nn
     cdef double e, f, mu
     set_zero(<size_t>r * w, t.found)
