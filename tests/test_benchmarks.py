@@ -2,6 +2,7 @@
 
 import re
 import shutil
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import vrte
 from bench import benchmarks
 
 from . import literal_rough, oracle
-from .helpers import assert_close, call_study
+from .helpers import assert_close, call_study, close_to
 from .literal import D, azimuthal_sum
 
 FOLDER = Path(__file__).parents[1] / "docs" / "reference" / "benchmarks"
@@ -121,22 +122,69 @@ def test_the_oracle_has_the_same_numbers(path: Path, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_literal_program_has_the_powder_under_a_rough_surface() -> None:
     """Every matrix to half of the last digit and 1e-10, of facets by Jones vectors in space and adding-doubling."""
-    (path,) = benchmarks.find_benchmarks(FOLDER, "powder_under_a_rough_surface")
-    benchmark = benchmarks.read_benchmark(path)
-    (file,) = benchmark.make_files()
+    benchmark, file = read_rough("powder_under_a_rough_surface")
     (layer,), asked = file.scene.layers, file.request
     (surface, _), albedo = file.scene.interfaces, file.scene.below.even_albedo
     mu_i, mu_o, phi = (np.array(asked[name], float) for name in ("mu_i", "mu_o", "phi"))
-    orders = literal_rough.find_brdf(surface.facets, 1.5, layer, albedo, mu_i.tolist(), mu_o.tolist())
+    light, outside, _ = literal_rough.find_light(surface.facets, 1.5, None, [layer], albedo, mu_i, mu_o)
+    orders = np.array([rising[outside.count : outside.beams] for _, rising, *_ in light]).transpose(0, 3, 1, 2, 4)
     own = literal_rough.facets(
         surface.facets, 1.5 + 0j, -mu_i[:, None, None], mu_o[:, None], np.radians(phi) + 0.0 * mu_o[:, None]
     )
-    found = azimuthal_sum(orders, phi) + own
+    found = azimuthal_sum(orders / mu_i[:, None, None, None], phi) + own
     for (i, o, p), matrix in zip(np.ndindex(found.shape[:3]), found.reshape(-1, 4, 4), strict=True):
         key = map(benchmarks.show_key, (mu_i[i], mu_o[o], phi[p]))
         cosines = ("mueller", *key, "", "")
         printed = np.array([benchmark.numbers[(*cosines, one)] for one in benchmarks.STOKES], float).T
         assert_close(matrix, printed, rtol=0.0, atol=5.1e-9)
+
+
+@pytest.mark.slow
+def test_a_literal_program_has_the_rough_sea_under_air() -> None:
+    """Every radiance and flux to half of the last digit and what both programs differ by, 1e-10 of fluxes and 6e-10."""
+    benchmark, file = read_rough("rough_sea_under_air")
+    (air, water), asked, tops = file.scene.layers, file.request, file.scene.layers[0].thickness
+    surface, mu0, stokes = file.scene.interfaces[1].facets, asked["mu0"], np.array(asked["stokes"])
+    mu, phi, tau = (np.array(asked[name], float) for name in ("mu", "phi", "tau"))
+    upper = tau[2] - tops
+    parts = [replace(water, thickness=thickness) for thickness in (upper, water.thickness - upper)]
+    seen = sorted({*np.abs(mu).tolist()})
+    light, *sides = literal_rough.find_light(surface, 1.34, air, parts, 0.0, [mu0], seen)
+    places = [(0.0, "above", 0, None), (tops, "above", 1, 2), (tops, "below", 3, 4), (tau[2], "above", 5, 6)]
+    for depth, name, *ways in places:
+        side = sides[int(ways[0] > 2)]
+        for up, way in zip((True, False), ways, strict=True):
+            key = (benchmarks.show_key(mu0), "", "", benchmarks.show_key(depth), name, "")
+            kind = "flux_up" if up else "flux_down"
+            (printed, *_) = benchmark.numbers[(kind, *key)]
+            flux = 0.0
+            if way is not None:
+                flux = 2.0 * np.pi * (side.weight * side.mu)[: side.count] @ light[0][way][: side.count, 0, 0] @ stokes
+            assert flux == close_to(float(printed), rtol=0.0, atol=5.2e-9)
+            for one in mu[(mu > 0.0) == up]:
+                found = np.zeros((phi.size, 4))
+                if way is not None:
+                    at = side.count + seen.index(abs(one))
+                    orders = np.array([parts[way][at] for parts in light]).transpose(0, 2, 1, 3)[:, :, None]
+                    found = azimuthal_sum(orders, phi)[0, 0] @ stokes
+                if up == (ways[0] < 2):  # of beams that met facets alone
+                    facets = literal_rough.facets(
+                        surface, 1.34 + 0j, np.full(phi.size, -mu0), np.full(phi.size, one), np.radians(phi)
+                    )
+                    left = np.exp(-tops / mu0 - abs(depth - tops) / abs(one))
+                    found += mu0 * left * facets @ stokes
+                for angle, values in zip(phi, found, strict=True):
+                    cosines = (key[0], benchmarks.show_key(one), benchmarks.show_key(angle), *key[3:])
+                    printed = np.array(benchmark.numbers[("radiance", *cosines)], float)
+                    assert_close(values, printed, rtol=0.0, atol=1.1e-9)
+
+
+def read_rough(name: str) -> tuple[benchmarks.Benchmark, benchmarks.SceneFile]:
+    """A benchmark and its scene."""
+    (path,) = benchmarks.find_benchmarks(FOLDER, name)
+    benchmark = benchmarks.read_benchmark(path)
+    (file,) = benchmark.make_files()
+    return benchmark, file
 
 
 def find_field(file: benchmarks.SceneFile, nodes: int, n_order: int) -> dict[benchmarks.Key, np.ndarray]:
