@@ -63,7 +63,7 @@ def show_match(page: Page) -> None:
     """A white that has to hide, from the white gloss paint."""
     click(page, "A paint")
     click(page, "Match", role="tab")
-    target = {"L*": "95", "a*": "-1", "b*": "-2", "contrast ratio ≥": "0.98", "starts": "1", "volume solids [%]": "50"}
+    target = {"L*": "95", "a*": "-2", "b*": "1", "contrast ratio ≥": "0.98", "starts": "1", "volume solids [%]": "50"}
     for label, text in {**target, "volatile, density": "1", "thickness [µm], to": "90"}.items():
         page.get_by_label(label, exact=True).fill(text)
     click(page, "thickness [µm]", "rutile: volume fraction", role="checkbox")
