@@ -587,7 +587,7 @@ def test_a_slider_changes_the_colours_at_once(open_tab: Callable[..., Tab]) -> N
 def test_a_page_begins_with_what_its_user_has(open_tab: Callable[..., Tab], tmp_path: Path) -> None:
     tab = open_tab()
     tab.button("A paint").click()
-    tab.says(re.compile(r"^hiding thickness [\d.]+ µm \(contrast ratio 0.98\), [\d.]+ m²/l"))
+    tab.says(re.compile(r"^hiding thickness [\d.]+ µm dry \(contrast ratio 0.98\), [\d.]+ m²/l"))
     tab.button("A paint").wait_for(state="hidden")
     tab.fill("thickness, number", "20")  # beside the slider
     tab.waits_for("document.querySelector('.vrte-left [aria-label=\"thickness [µm]\"]').value == '20'")
