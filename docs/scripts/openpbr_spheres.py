@@ -24,12 +24,15 @@ from vrte.exports.colour import weigh_channels
 from vrte.exports.export import find_smooth_surface, integrate_over_hemisphere
 from vrte.exports.fitted import OPENPBR, FittedFile, Geometry, fit_model, shade_mirror
 from vrte.exports.half_vectors import BEAMS, STEEPEST, HalfVectorTable, make_axes, place_light
-from vrte.formats.materials import list_paints
+from vrte.formats.materials import list_materials, list_paints
 from vrte.formats.measured_polarized import make_pairs, normalise
 from vrte.mitsuba.bsdf import make_bsdf
 from vrte.optics.fresnel import reflect_smooth
 
-PAINTS = "white gloss", "grey satin", "red oxide", "silver metallic", "gold pearl"
+PAINTS = "white gloss", "grey satin", "red oxide", "silver metallic", "gold pearl", "white pearl"
+MATERIALS: dict[str, Any] = {name: list_paints()[name].content for name in PAINTS}
+MATERIALS |= {"gold powder": list_materials()["gold powder"].content, "chalk": list_materials()["chalk"].content}
+MATERIALS |= {"wet powder": "vrte/app/gallery/powder_wet.toml", "snow": "examples/still_life/4_knot.toml"}
 WAVELENGTHS, COLUMNS = 9, 2
 MU = np.linspace(0.1, 1.0, 10)
 PIXELS, SAMPLES = 220, 256
@@ -98,7 +101,7 @@ def trace(bsdf: Any) -> Array:
 def compare_spheres(name: str, output: Path) -> tuple[str, Array, FittedFile, float]:
     """Of a material: its name, both spheres in linear sRGB beside each other, the fit, and the largest difference of
     reflectances in even light."""
-    scene = list_paints()[name].content
+    scene = MATERIALS[name]
     content, folder = read_source(scene, ".")
     wavelengths = np.linspace(*np.asarray(choose_wavelengths(content, folder))[[0, -1]], WAVELENGTHS)
     file = output / f"{name.replace(' ', '_')}.nc"
@@ -122,10 +125,10 @@ def main() -> None:
     parser.add_argument("--processes", type=int, default=1)
     options = parser.parse_args()
     options.output.mkdir(parents=True, exist_ok=True)
-    figure, axes = plt.subplots(-(-len(PAINTS) // COLUMNS), COLUMNS, figsize=(9.6, 9.45), layout="constrained")
+    figure, axes = plt.subplots(-(-len(MATERIALS) // COLUMNS), COLUMNS, figsize=(9.6, 15.75), layout="constrained")
     print("| material | CIEDE2000: median, 95 % | energy | base colour | roughness | index | metalness | coat |")
     with ProcessPoolExecutor(options.processes, get_context("spawn")) as pool:
-        found = pool.map(partial(compare_spheres, output=options.output), PAINTS)
+        found = pool.map(partial(compare_spheres, output=options.output), MATERIALS)
         for axis in axes.flat:
             axis.set_axis_off()
         for axis, (name, pair, fit, energy) in zip(axes.flat, found, strict=False):

@@ -51,7 +51,7 @@ def replace_dark(cosines: Array) -> Array:
 def act(matrices: Array, light: Array) -> Array:
     """What matrices (n, S, S) of as many directions make of light (..., n, S)."""
     first = np.moveaxis(light, -2, 0)
-    found = first.reshape(len(matrices), -1, light.shape[-1]) @ matrices.swapaxes(1, 2)
+    found = first.reshape(len(matrices), math.prod(first.shape[1:-1]), light.shape[-1]) @ matrices.swapaxes(1, 2)
     return np.moveaxis(found.reshape(first.shape), 0, -2)
 
 
