@@ -92,7 +92,7 @@ demo: $(VENV)/demo.stamp
 # The paper's figure 10 and more, as objects; docs/images has copies.
 COLOURED = gold gold_coarse copper hematite
 WHITE = rutile alumina mixture_on_black mixture_on_white
-METALLIC = silver_metallic gold_pearl colour_shifter
+PEARLS = white_pearl gold_pearl colour_shifter
 GALLERY = vrte/app/gallery
 SHEET = --sheet --glare --size 220 --samples 64 -o out/gallery
 gallery: $(VENV)/gallery.stamp
@@ -102,7 +102,8 @@ gallery: $(VENV)/gallery.stamp
 	$(BIN)/vrte render $(WHITE:%=$(GALLERY)/%.toml) --object vase $(SHEET)/gallery_white_powders.png
 	$(BIN)/vrte render $(GALLERY)/paint_bare.toml $(GALLERY)/paint_smooth.toml examples/satin_paint.toml \
 		$(GALLERY)/powder_dry.toml $(GALLERY)/powder_wet.toml --object knot $(SHEET)/gallery_surfaces.png
-	$(BIN)/vrte render $(METALLIC:%=vrte/paints/%.toml) --object vase --sheet --size 220 -o out/gallery/gallery_flakes.png
+	$(BIN)/vrte render vrte/paints/silver_metallic.toml examples/metallic_clear_coat.toml $(PEARLS:%=vrte/paints/%.toml) \
+		--object vase $(SHEET)/gallery_flakes.png
 	$(BIN)/python -m docs.scripts.flake_lobes -o out/gallery
 	$(BIN)/vrte render examples/black_lacquer.toml examples/white_gloss.toml --size 240 -o out/gallery/gallery_brewster.png
 

@@ -162,9 +162,10 @@ def mirrors_light(scene: Scene) -> bool:
 
 def count_lobe_orders(scene: Scene) -> int:
     """Fourier orders of the narrowest lobe that a rough interface makes of a beam between surfaces, where what the last
-    of them lets through meets no other; 0 without one."""
+    of them lets through into layers meets no other; 0 without one. Out of a film it is counted: GGX's tail has 1e-8."""
     surfaces = [interface for interface in scene.interfaces if interface is not None]
-    ways = [(surface, k < len(surfaces) or mirrors_light(scene)) for k, surface in enumerate(surfaces, 1)]
+    counted = scene.interfaces[-1] is not None or mirrors_light(scene)
+    ways = [(surface, k < len(surfaces) or counted) for k, surface in enumerate(surfaces, 1)]
     widths = [find_lobe_width(*way) for way in ways if not way[0].is_smooth]
     return max([math.ceil(LOBE / width) for width in widths], default=0)
 
