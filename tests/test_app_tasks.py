@@ -263,8 +263,8 @@ MOVES = 0.45, 0.6, 0.5, 0.65, 0.55  # of a slider's length
 def test_numbers_follow_a_slider_soon(chromium: Any) -> None:
     """Milliseconds to the first numbers, to the final colours, and to gloss and hiding: medians of moves."""
     with viewer() as url:
-        one = Chemist(chromium, url, (1400, 900))
         for paint in ("Rutile in alkyd", "White gloss paint", "White matt paint"):
+            one = Chemist(chromium, url, (1400, 900))  # whose numbers are of no other paint
             one.go_to("Appearance")
             one.begin_with(paint)
             one.finish()
@@ -276,4 +276,4 @@ def test_numbers_follow_a_slider_soon(chromium: Any) -> None:
                 took = {key: round(statistics.median(each[key] for each in times)) for key in times[0]}
                 print(f"{paint} | {name} | {took} | load {os.getloadavg()[0]:.0f}", flush=True)
                 assert took["first"] <= took["colours"] <= took["all"]
-        one.context.close()
+            one.context.close()
