@@ -391,6 +391,7 @@ def test_keys_solve_and_turn_layers_move_and_a_surface_mirrors(tab: Tab) -> None
     tab.holds("diameter [µm]", "1.2")
     tab.waits_for("document.activeElement.getAttribute('aria-label') == 'size'")  # drawn anew, still there
     tab.choose("size", "one radius")
+    tab.holds("radius [µm]", "0.6")  # drawn anew once more
     tab.button("known substances").last.click()  # of the particles, not of the host
     tab.pick("rutile")
     tab.holds("name of the kind", "rutile")
