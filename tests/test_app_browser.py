@@ -127,7 +127,8 @@ class Tab:
         raise AssertionError("no figure came")
 
     def choose(self, label: str, option: str) -> None:
-        self.label(label).click()
+        """Of the tab that is open: another may have a field of that name."""
+        self.label(label).locator("visible=true").click()
         self.pick(option)
 
     def pick(self, option: str) -> None:
