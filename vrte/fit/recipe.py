@@ -112,7 +112,7 @@ class Prices:
         return film.litres * math.fsum(parts[one] * self.densities[one] * each for one, each in self.per_kg.items())
 
     def describe(self, film: Film) -> str:
-        """The unit of the cost."""
+        """What the cost is counted in, in words."""
         what = "cm³ of pigment" if self.per_kg is None else "money"
         return f"{what} a {'m²' if math.isfinite(film.thickness_um) else 'litre of dry film'}"
 

@@ -48,7 +48,7 @@ def list_numbers(match: Match) -> Iterator[tuple[str, str, str, str]]:
 
 
 def write_numbers(match: Match) -> str:
-    """The same as CSV."""
+    """The recipe and the numbers of a match as a CSV table."""
     made = io.StringIO()
     csv.writer(made, lineterminator="\n").writerows(list_numbers(match))
     return made.getvalue()

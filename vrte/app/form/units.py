@@ -121,7 +121,7 @@ class PaintUnits:
         return float(f"{value:.{DIGITS}g}")
 
     def find_solids(self) -> float:
-        """The volume solids. Raises SceneError where they are not given."""
+        """Share of a wet film's volume that stays when it dries. Raises SceneError where it is not given."""
         if self.solids is None:
             raise SceneError("a wet film needs the volume solids: give them in per cent")
         return self.solids

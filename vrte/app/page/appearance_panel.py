@@ -223,7 +223,7 @@ class AppearancePanel:
         self.refresh()
 
     def type_solids(self, text: str) -> None:
-        """The volume solids."""
+        """Takes the volume solids that are typed, and shows the numbers that follow from them."""
         with controls.report_errors(self.unread.set_text):
             solids = check_per_cent(read_number(text), "the volume solids")
             if solids == 0.0:

@@ -92,7 +92,7 @@ def add_slider(
 def make_bar(
     label: str, ends: tuple[float, float], step: float, act: Callable[[float], None], throttle: float, **more: Any
 ) -> Any:
-    """A slider alone."""
+    """A slider between two ends, without a number beside it."""
     bar = ui.slider(min=ends[0], max=ends[1], step=step, value=ends[0]).classes("grow")
     bar.props(f'dense aria-label="{label}"')
     bar.on("update:model-value", lambda event: act(float(event.args)), throttle=throttle, **more)

@@ -51,7 +51,7 @@ class RealSlab:
         return [self.nodes, *self.along]
 
     def call(self, stage: str, known: dict[str, Any]) -> Any:
-        """What a stage finds."""
+        """Arrays that a stage of the core finds, by their names in stages.toml."""
         with self.run.timed("derivatives") as crew:
             return getattr(_core, stage)(crew, **select_read(stage, known))
 
